@@ -1,0 +1,1 @@
+"""Data on disk: BOP folders, estimate files and multi-camera recordings. Millimetres end and begin here."""

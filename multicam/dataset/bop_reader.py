@@ -1,0 +1,195 @@
+"""BOP scenes as frozen records in metres. Format: bop_toolkit, docs/bop_datasets_format.md."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from multicam.dataset.objects import MILLIMETRE
+from multicam.errors import DataError
+from multicam.files import read_json, require_file, require_folder
+from multicam.geometry import se3, so3
+from multicam.types import FloatArray, ImageArray
+
+IMAGE_SUFFIXES = (".jpg", ".png", ".jpeg")
+
+
+@dataclass(frozen=True, eq=False)
+class Instance:
+    """Ground truth of one object in one image.
+
+    Attributes:
+        camera_from_object: (4, 4) metres.
+        box: (4,) amodal x0 y0 x1 y1 pixels (may leave the image), or None.
+        visible_fraction: share of the silhouette that is seen, or None.
+        keypoints: (K, 2) pixels, or None where the scene has no keypoint file.
+        keypoints_visible: (K,) bool, or None.
+    """
+
+    obj_id: int
+    camera_from_object: FloatArray
+    box: FloatArray | None = None
+    visible_fraction: float | None = None
+    keypoints: FloatArray | None = None
+    keypoints_visible: np.ndarray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class ImageRecord:
+    """One image of a BOP scene.
+
+    Attributes:
+        camera_matrix: (3, 3), or None where the data set publishes none.
+        camera_from_world: (4, 4) metres, or None.
+        depth_scale: millimetres per raw unit of the depth image.
+        rgb_path, depth_path: files, or None where absent.
+        mask_visib_paths: per instance, empty where absent.
+    """
+
+    scene_id: int
+    im_id: int
+    camera_matrix: FloatArray | None
+    camera_from_world: FloatArray | None
+    depth_scale: float
+    rgb_path: Path | None
+    depth_path: Path | None
+    mask_visib_paths: tuple[Path, ...]
+    instances: tuple[Instance, ...]
+
+
+def list_scenes(split: Path) -> list[Path]:
+    """Scene folders of a split such as `train` or `test`, in order of their numbers.
+
+    Raises:
+        DataError: the folder is missing or holds no scene.
+    """
+    require_folder(split, "split folder")
+    scenes = sorted(p for p in split.iterdir() if p.is_dir() and p.name.isdigit())
+    if not scenes:
+        raise DataError(f"{split} holds no scene folders such as 000001.")
+    return scenes
+
+
+def read_scene(folder: Path) -> list[ImageRecord]:
+    """Reads the JSON files of one scene; pixels stay on disk.
+
+    Raises:
+        DataError: missing or malformed files; the sentence names file and image.
+    """
+    require_folder(folder, "scene folder")
+    cameras = read_json(folder / "scene_camera.json")
+    truth = _read_optional(folder / "scene_gt.json")
+    infos = _read_optional(folder / "scene_gt_info.json")
+    keypoints = _read_optional(folder / "scene_keypoints.json")
+    records: list[ImageRecord] = []
+    for key in sorted(cameras, key=int):
+        try:
+            records.append(
+                _read_image(folder, int(key), cameras[key], truth.get(key, []), infos.get(key), keypoints.get(key))
+            )
+        except (KeyError, ValueError, TypeError, IndexError) as error:
+            raise DataError(f"{folder}: image {key} does not follow the BOP format: {error!r}.") from error
+    return records
+
+
+def read_image(path: Path) -> ImageArray:
+    """Reads an image as (h, w, 3) uint8 RGB.
+
+    Raises:
+        DataError: missing, truncated or not an image.
+    """
+    return np.ascontiguousarray(_decode(path, cv2.IMREAD_COLOR)[:, :, ::-1])
+
+
+def read_depth(path: Path, depth_scale: float) -> np.ndarray:
+    """Reads a 16-bit depth image as (h, w) float32 metres, 0 where unknown.
+
+    Raises:
+        DataError: missing, truncated or not a one-channel image.
+    """
+    raw = _decode(path, cv2.IMREAD_UNCHANGED)
+    if raw.ndim != 2:
+        raise DataError(f"{path} has {raw.shape[2]} channels; a depth image has one.")
+    return raw.astype(np.float32) * np.float32(depth_scale * MILLIMETRE)
+
+
+def transform_from_bop(rotation: Any, translation_mm: Any) -> FloatArray:
+    """(4, 4) metres from BOP's nine row-major numbers and millimetres; the rotation is cleaned of rounding.
+
+    Raises:
+        ValueError: wrong count, NaN, or numbers that are no rotation.
+    """
+    r = np.asarray(rotation, dtype=np.float64).reshape(3, 3)
+    t = np.asarray(translation_mm, dtype=np.float64).reshape(3)
+    if not (np.all(np.isfinite(r)) and np.all(np.isfinite(t))):
+        raise ValueError("pose holds NaN or infinity")
+    if np.abs(r @ r.T - np.eye(3)).max() > 1e-2 or np.linalg.det(r) < 0:
+        raise ValueError("rotation is not orthonormal")
+    return se3.from_parts(so3.project(r), t * MILLIMETRE)
+
+
+def find_image(folder: Path, kinds: tuple[str, ...], stem: str) -> Path | None:
+    """The first existing folder/kind/stem.suffix, or None."""
+    candidates = (folder / kind / f"{stem}{suffix}" for kind in kinds for suffix in IMAGE_SUFFIXES)
+    return next((p for p in candidates if p.is_file()), None)
+
+
+def _read_optional(path: Path) -> dict[str, Any]:
+    return read_json(path) if path.is_file() else {}
+
+
+def _decode(path: Path, flags: int) -> NDArray[Any]:
+    require_file(path, "image")
+    data = np.fromfile(path, dtype=np.uint8)
+    decoded: Any = cv2.imdecode(data, flags) if _is_complete(data) else None
+    if decoded is None:
+        raise DataError(f"{path} is not a readable image ({len(data)} bytes): is the file truncated?")
+    return decoded
+
+
+def _is_complete(data: np.ndarray) -> bool:
+    """Decoders fill the missing end of a truncated JPEG or PNG with grey; its closing marker tells."""
+    if len(data) == 0:
+        return False
+    if data[:2].tobytes() == b"\xff\xd8":
+        return b"\xff\xd9" in data[-64:].tobytes()
+    if data[:4].tobytes() == b"\x89PNG":
+        return b"IEND" in data[-64:].tobytes()
+    return True
+
+
+def _read_image(
+    folder: Path, im_id: int, camera: dict[str, Any], truth: Any, infos: Any, keypoints: Any
+) -> ImageRecord:
+    stem = f"{im_id:06d}"
+    instances: list[Instance] = []
+    for index, row in enumerate(truth):
+        box, fraction, points, visible = None, None, None, None
+        if infos is not None:
+            x, y, w, h = infos[index]["bbox_obj"]
+            box = np.array([x, y, x + w, y + h], dtype=np.float64)
+            fraction = float(infos[index]["visib_fract"])
+        if keypoints is not None:
+            table = np.array(keypoints[index], dtype=np.float64).reshape(-1, 3)
+            points, visible = table[:, :2], table[:, 2] > 0
+        pose = transform_from_bop(row["cam_R_m2c"], row["cam_t_m2c"])
+        instances.append(Instance(int(row["obj_id"]), pose, box, fraction, points, visible))
+    masks = tuple(folder / "mask_visib" / f"{stem}_{i:06d}.png" for i in range(len(instances)))
+    return ImageRecord(
+        scene_id=int(folder.name),
+        im_id=im_id,
+        camera_matrix=np.array(camera["cam_K"], dtype=np.float64).reshape(3, 3) if "cam_K" in camera else None,
+        camera_from_world=transform_from_bop(camera["cam_R_w2c"], camera["cam_t_w2c"])
+        if "cam_R_w2c" in camera
+        else None,
+        depth_scale=float(camera.get("depth_scale", 1.0)),
+        rgb_path=find_image(folder, ("rgb", "gray"), stem),
+        depth_path=find_image(folder, ("depth",), stem),
+        mask_visib_paths=masks if masks and masks[0].is_file() else (),
+        instances=tuple(instances),
+    )

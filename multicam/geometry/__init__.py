@@ -1,0 +1,1 @@
+"""Pose geometry in NumPy, float64; batch axes lead everywhere."""

@@ -1,0 +1,110 @@
+"""Rigid transforms as 4x4 matrices; compose with `@`. Tangents are [rotation; translation], right-multiplied.
+
+`plus(T, xi) = T @ exp(xi)`. A transform named target_from_source maps source coordinates to target coordinates.
+Formulas: Sola, Deray, Atchuthan (2018), appendix D, with the rotation first.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float64
+
+from multicam.geometry import so3
+
+
+def from_parts(
+    rotation: Float64[np.ndarray, "*batch 3 3"], translation: Float64[np.ndarray, "*batch 3"]
+) -> Float64[np.ndarray, "*batch 4 4"]:
+    """Builds transforms from rotation matrices and translations (metres)."""
+    transform = np.zeros((*rotation.shape[:-2], 4, 4))
+    transform[..., :3, :3] = rotation
+    transform[..., :3, 3] = translation
+    transform[..., 3, 3] = 1
+    return transform
+
+
+def inverse(transform: Float64[np.ndarray, "*batch 4 4"]) -> Float64[np.ndarray, "*batch 4 4"]:
+    """source_from_target of a target_from_source."""
+    rotation = np.swapaxes(transform[..., :3, :3], -1, -2)
+    return from_parts(rotation, (rotation @ -transform[..., :3, 3:])[..., 0])
+
+
+def act(transform: Float64[np.ndarray, "*batch 4 4"], points: Float64[np.ndarray, "*batch_p 3"]) -> np.ndarray:
+    """Maps points (..., n, 3) or a single (3,): target coordinates of source points.
+
+    Batch axes of the transform lead those of the points: (b, 4, 4) acting on (n, 3) gives (b, n, 3).
+    """
+    if points.ndim == 1:
+        return (transform[..., :3, :3] @ points[:, None])[..., 0] + transform[..., :3, 3]
+    return points @ np.swapaxes(transform[..., :3, :3], -1, -2) + transform[..., None, :3, 3]
+
+
+def exp(xi: Float64[np.ndarray, "*batch 6"]) -> Float64[np.ndarray, "*batch 4 4"]:
+    """Exponential of a twist [rotation; translation]."""
+    translation = (so3.left_jacobian(xi[..., :3]) @ xi[..., 3:, None])[..., 0]
+    return from_parts(so3.exp(xi[..., :3]), translation)
+
+
+def log(transform: Float64[np.ndarray, "*batch 4 4"]) -> Float64[np.ndarray, "*batch 6"]:
+    """Twist whose exponential is the transform; rotation angle in [0, pi]."""
+    omega = so3.log(transform[..., :3, :3])
+    translation = (so3.left_jacobian_inverse(omega) @ transform[..., :3, 3:])[..., 0]
+    return np.concatenate((omega, translation), axis=-1)
+
+
+def plus(transform: Float64[np.ndarray, "*batch 4 4"], xi: Float64[np.ndarray, "*batch 6"]) -> np.ndarray:
+    """T @ exp(xi)."""
+    return transform @ exp(xi)
+
+
+def minus(a: Float64[np.ndarray, "*batch 4 4"], b: Float64[np.ndarray, "*batch 4 4"]) -> np.ndarray:
+    """The twist with plus(b, twist) = a."""
+    return log(inverse(b) @ a)
+
+
+def adjoint(transform: Float64[np.ndarray, "*batch 4 4"]) -> Float64[np.ndarray, "*batch 6 6"]:
+    """Ad(T) with T exp(xi) T^-1 = exp(Ad(T) xi): [[R, 0], [hat(t) R, R]]."""
+    rotation = transform[..., :3, :3]
+    result = np.zeros((*transform.shape[:-2], 6, 6))
+    result[..., :3, :3] = result[..., 3:, 3:] = rotation
+    result[..., 3:, :3] = so3.hat(transform[..., :3, 3]) @ rotation
+    return result
+
+
+def left_jacobian_inverse(xi: Float64[np.ndarray, "*batch 6"]) -> Float64[np.ndarray, "*batch 6 6"]:
+    """J^-1 with log(exp(d) exp(xi)) ~ xi + J^-1 d; for a right perturbation use left_jacobian_inverse(-xi).
+
+    Closed form of Barfoot and Furgale, "Associating uncertainty with three-dimensional poses" (2014), eq. 102.
+    """
+    omega, rho = xi[..., :3], xi[..., 3:]
+    inv = so3.left_jacobian_inverse(omega)
+    result = np.zeros((*xi.shape[:-1], 6, 6))
+    result[..., :3, :3] = result[..., 3:, 3:] = inv
+    result[..., 3:, :3] = -inv @ _coupling(omega, rho) @ inv
+    return result
+
+
+def _coupling(omega: np.ndarray, rho: np.ndarray) -> np.ndarray:
+    """Q of Barfoot and Furgale: the block by which rotation moves translation."""
+    t = np.linalg.norm(omega, axis=-1)[..., None, None]
+    small = t < 1e-2
+    s = np.where(small, 1.0, t)
+    sin, cos = np.sin(s), np.cos(s)
+    a = np.where(small, 1 / 6 - t**2 / 120 + t**4 / 5040, (s - sin) / s**3)
+    b = np.where(small, 1 / 24 - t**2 / 720 + t**4 / 40320, (s**2 + 2 * cos - 2) / (2 * s**4))
+    c = np.where(small, 1 / 120 - t**2 / 2520 + t**4 / 120960, (2 * s - 3 * sin + s * cos) / (2 * s**5))
+    w, p = so3.hat(omega), so3.hat(rho)
+    wp, pw, wpw = w @ p, p @ w, w @ p @ w
+    return p / 2 + a * (wp + pw + wpw) + b * (w @ wp + pw @ w - 3 * wpw) + c * (wpw @ w + w @ wpw)
+
+
+def interpolate(
+    a: Float64[np.ndarray, "*batch 4 4"], b: Float64[np.ndarray, "*batch 4 4"], fraction: float
+) -> np.ndarray:
+    """Pose on the geodesic from a (fraction 0) to b (fraction 1); angles below pi."""
+    return plus(a, fraction * minus(b, a))
+
+
+def random(rng: np.random.Generator, *batch: int, spread: float = 1.0) -> np.ndarray:
+    """Uniform rotations and normal translations (standard deviation `spread` metres)."""
+    return from_parts(so3.random(rng, *batch), spread * rng.normal(size=(*batch, 3)))
