@@ -132,7 +132,8 @@ def write_models(folder: Path, catalogue: Catalogue, meshes: dict[int, Mesh]) ->
     write_json(folder / "models_info.json", info, indent=1)
 
 
-def _pose(transform: FloatArray, source: str) -> dict[str, Any]:
+def pose_row(transform: FloatArray, source: str) -> dict[str, Any]:
+    """BOP's two entries of a camera_from_source pose, `source` being m2c or w2c; millimetres."""
     return {
         f"cam_R_{source}": transform[:3, :3].reshape(-1).tolist(),
         f"cam_t_{source}": (transform[:3, 3] / MILLIMETRE).tolist(),
@@ -140,11 +141,11 @@ def _pose(transform: FloatArray, source: str) -> dict[str, Any]:
 
 
 def _camera_row(matrix: FloatArray, camera_from_world: FloatArray) -> dict[str, Any]:
-    return {"cam_K": matrix.reshape(-1).tolist(), "depth_scale": DEPTH_SCALE} | _pose(camera_from_world, "w2c")
+    return {"cam_K": matrix.reshape(-1).tolist(), "depth_scale": DEPTH_SCALE} | pose_row(camera_from_world, "w2c")
 
 
 def _truth_row(row: InstanceLabels) -> dict[str, Any]:
-    return {"obj_id": row.obj_id} | _pose(row.camera_from_object, "m2c")
+    return {"obj_id": row.obj_id} | pose_row(row.camera_from_object, "m2c")
 
 
 def _info_row(row: InstanceLabels) -> dict[str, Any]:
