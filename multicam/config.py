@@ -6,12 +6,13 @@ misspelt flags are refused with a suggestion; the resolved configuration is save
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import re
 import types as python_types
 from collections.abc import Hashable, Sequence
 from pathlib import Path
-from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Any, Literal, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
 import cattrs
 import yaml
@@ -33,9 +34,14 @@ class _Loader(yaml.SafeLoader):
         return super().construct_mapping(node, deep=deep)
 
 
-_Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float", re.compile(r"^[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$"), list("-+.0123456789")
-)
+class _Dumper(yaml.SafeDumper):
+    """Quotes what `_Loader` would take for something else than a string."""
+
+
+for _style in (_Loader, _Dumper):
+    _style.add_implicit_resolver(
+        "tag:yaml.org,2002:float", re.compile(r"^[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$"), list("-+.0123456789")
+    )
 
 
 def read_yaml(path: Path) -> dict[str, Any]:
@@ -67,17 +73,15 @@ def from_mapping(schema: type[Config], mapping: dict[str, Any], source: str) -> 
     """Builds a frozen dataclass from plain data, strictly.
 
     Raises:
-        ConfigError: the first unknown key or unfit value, with its path and the closest valid name.
+        ConfigError: the first unknown key or unfit value, with its path, what was there and what is expected.
     """
-    _refuse_unknown_keys(schema, mapping, source, "")
+    _check_structure(schema, mapping, source, "")
     try:
         return _converter().structure(mapping, schema)
     except cattrs.BaseValidationError as error:
-        problems = cattrs.transform_error(error, path="")
-        first = re.sub(r" @ \.?", " for ", problems[0])
-        raise ConfigError(f"{source}: {first}.") from error
-    except (ValueError, TypeError) as error:
-        raise ConfigError(f"{source}: {error}") from error
+        problem = cattrs.transform_error(error, path="", format_exception=_reason)[0]
+        reason, _, where = problem.rpartition(" @ ")
+        raise ConfigError(f"{': '.join(filter(None, (source, where.lstrip('.'), reason)))}.") from error
 
 
 def load_config(schema: type[Config], path: Path | None = None) -> Config:
@@ -92,7 +96,7 @@ def to_mapping(config: Any) -> dict[str, Any]:
 
 def save_config(config: Any, path: Path) -> None:
     """Writes the resolved configuration as YAML, atomically; `load_config` reads it back unchanged."""
-    write_text(path, yaml.safe_dump(to_mapping(config), sort_keys=False))
+    write_text(path, yaml.dump(to_mapping(config), Dumper=_Dumper, sort_keys=False))
 
 
 def parse_command(schema: type[Config], argv: Sequence[str], prog: str, description: str) -> Config:
@@ -105,14 +109,22 @@ def parse_command(schema: type[Config], argv: Sequence[str], prog: str, descript
     import tyro
 
     rest, path = _split_config_flag(list(argv))
-    try:
-        default = load_config(schema, path)
-    except TypeError:
-        # Some fields have no default: they must come from flags.
-        default = None
+    default = _with_missing(schema, read_yaml(path) if path else {}, str(path))
     text = f"{description}\n\n--config FILE.yaml sets any of the options below; flags override the file."
-    options: dict[str, Any] = {} if default is None else {"default": default}
-    return tyro.cli(schema, args=rest, prog=prog, description=text, **options)
+    return tyro.cli(schema, args=rest, prog=prog, description=text, default=default)
+
+
+def _with_missing(schema: type[Config], mapping: dict[str, Any], source: str) -> Config:
+    """As `from_mapping`; fields without a default that the mapping lacks too are left for the flags to give."""
+    import tyro
+
+    _check_structure(schema, mapping, source, "")
+    fields: tuple[dataclasses.Field[Any], ...] = dataclasses.fields(cast(Any, schema))
+    missing = {f.name for f in fields if f.default is f.default_factory is dataclasses.MISSING} - mapping.keys()
+    hints = get_type_hints(schema)
+    given = [(f.name, hints[f.name], copy.copy(f)) for f in fields if f.name not in missing]
+    known = from_mapping(dataclasses.make_dataclass("Known", given), mapping, source)
+    return schema(**vars(known), **dict.fromkeys(missing, tyro.MISSING))
 
 
 def _split_config_flag(argv: list[str]) -> tuple[list[str], Path | None]:
@@ -126,24 +138,40 @@ def _split_config_flag(argv: list[str]) -> tuple[list[str], Path | None]:
     return argv, None
 
 
-def _refuse_unknown_keys(schema: Any, value: Any, source: str, path: str) -> None:
-    """Walks plain data beside its schema; cattrs would report the same, without a suggestion."""
+def _check_structure(schema: Any, value: Any, source: str, path: str) -> None:
+    """Walks plain data beside its schema, for what cattrs reports without a suggestion, or takes in silence.
+
+    A string is a sequence of its letters to cattrs, and a mapping one of its keys.
+    """
     if get_origin(schema) in (Union, python_types.UnionType):
-        schema = next((s for s in get_args(schema) if dataclasses.is_dataclass(s)), None)
-    if get_origin(schema) is tuple and isinstance(value, list):
-        for index, item in enumerate(value):  # pyright: ignore[reportUnknownVariableType, reportUnknownArgumentType]
-            _refuse_unknown_keys(get_args(schema)[0], item, source, f"{path}[{index}]")
-    if schema is None or not dataclasses.is_dataclass(schema) or not isinstance(value, dict):
+        if value is None and type(None) in get_args(schema):
+            return
+        schema = next((s for s in get_args(schema) if get_origin(s) is tuple or dataclasses.is_dataclass(s)), None)
+    if get_origin(schema) is tuple:
+        if not isinstance(value, list | tuple):
+            raise ConfigError(f"{source}: {path}: expected a list, got {value!r}.")
+        for index, item in enumerate(value):
+            _check_structure(get_args(schema)[0], item, source, f"{path}[{index}]")
+    if not dataclasses.is_dataclass(schema):
         return
+    if not isinstance(value, dict):
+        raise ConfigError(f"{source}: {path}: expected a mapping of options, got {value!r}.")
     hints = get_type_hints(schema)
-    for key, item in value.items():  # pyright: ignore[reportUnknownVariableType]
+    for key, item in value.items():
+        name = f"{path}.{key}" if path else str(key)
         if key not in hints:
             valid = ", ".join(hints)
             raise ConfigError(
-                f'{source}: unknown key "{path}{key}"{did_you_mean(str(key), hints)}; '  # pyright: ignore[reportUnknownArgumentType]
-                f"the keys there are {valid}."
+                f'{source}: unknown key "{name}"{did_you_mean(str(key), hints)}; the keys there are {valid}.'
             )
-        _refuse_unknown_keys(hints[key], item, source, f"{path}{key}.")
+        _check_structure(hints[key], item, source, name)
+
+
+def _reason(error: BaseException, kind: type | None) -> str:
+    """What one field objects to; cattrs would name the type alone and drop the words of a check of ours."""
+    if isinstance(error, ValueError):
+        return str(error).rstrip(".")
+    return cattrs.v.format_exception(error, kind)
 
 
 def _converter() -> cattrs.Converter:
@@ -154,6 +182,7 @@ def _converter() -> cattrs.Converter:
     converter.register_structure_hook(float, lambda value, _: float(_expect(value, float, int)))
     converter.register_structure_hook(str, lambda value, _: _expect(value, str))
     converter.register_structure_hook(Path, lambda value, _: Path(_expect(value, str)))
+    converter.register_structure_hook_func(lambda kind: get_origin(kind) is Literal, _choose)
     converter.register_unstructure_hook(Path, str)
     return converter
 
@@ -161,4 +190,11 @@ def _converter() -> cattrs.Converter:
 def _expect(value: Any, *kinds: type) -> Any:
     if not isinstance(value, kinds) or (isinstance(value, bool) and bool not in kinds):
         raise ValueError(f"expected {kinds[0].__name__}, got {value!r}")
+    return value
+
+
+def _choose(value: Any, literal: Any) -> Any:
+    options = [str(option) for option in get_args(literal)]
+    if value not in get_args(literal):
+        raise ValueError(f"expected one of {', '.join(options)}, got {value!r}{did_you_mean(str(value), options)}")
     return value

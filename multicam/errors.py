@@ -26,6 +26,11 @@ class MissingDependencyError(MulticamError):
     """An optional package that a command needs is not installed."""
 
 
+def describe(error: Exception) -> str:
+    """What a reader's exception says of the data, as the end of a sentence."""
+    return f'"{error.args[0]}" is missing' if isinstance(error, KeyError) else str(error)
+
+
 def did_you_mean(name: str, valid: Iterable[str]) -> str:
     """Returns ' (did you mean "x"?)' for the closest valid name, or an empty string."""
     close = difflib.get_close_matches(name, list(valid), n=1, cutoff=0.5)

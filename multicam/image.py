@@ -42,9 +42,10 @@ class Letterbox:
 
     def apply(self, image: ImageArray) -> ImageArray:
         """Warps (h, w, 3) uint8 into (height, width, 3) with a grey border."""
-        inner_w, inner_h = round(image.shape[1] * self.scale), round(image.shape[0] * self.scale)
         mode = cv2.INTER_AREA if self.scale < 1 else cv2.INTER_LINEAR
-        inner = image if self.scale == 1 else cv2.resize(image, (inner_w, inner_h), interpolation=mode)
+        # Given the factor, OpenCV keeps it; given a size, it would stretch by up to half a pixel to fill it.
+        inner = image if self.scale == 1 else cv2.resize(image, None, fx=self.scale, fy=self.scale, interpolation=mode)
+        inner_h, inner_w = inner.shape[:2]
         out = np.full((self.height, self.width, 3), PADDING, dtype=np.uint8)
         out[self.offset_y : self.offset_y + inner_h, self.offset_x : self.offset_x + inner_w] = inner
         return out

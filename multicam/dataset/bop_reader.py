@@ -10,10 +10,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from multicam.dataset.objects import MILLIMETRE
-from multicam.errors import DataError
+from multicam.dataset.units import MILLIMETRE, transform_from_bop
+from multicam.errors import DataError, describe
 from multicam.files import read_json, require_file, require_folder
-from multicam.geometry import se3, so3
 from multicam.types import FloatArray, ImageArray
 
 IMAGE_SUFFIXES = (".jpg", ".png", ".jpeg")
@@ -82,18 +81,20 @@ def read_scene(folder: Path) -> list[ImageRecord]:
         DataError: missing or malformed files; the sentence names file and image.
     """
     require_folder(folder, "scene folder")
-    cameras = read_json(folder / "scene_camera.json")
-    truth = _read_optional(folder / "scene_gt.json")
-    infos = _read_optional(folder / "scene_gt_info.json")
-    keypoints = _read_optional(folder / "scene_keypoints.json")
+    cameras = _read_table(folder / "scene_camera.json")
+    truth, infos, keypoints = (
+        _read_table(path) if (path := folder / f"{name}.json").is_file() else None
+        for name in ("scene_gt", "scene_gt_info", "scene_keypoints")
+    )
+    # Where there is ground truth, an image that it lacks was left half-written by a writer that was killed.
+    keys = cameras.keys() if truth is None else cameras.keys() & truth.keys()
     records: list[ImageRecord] = []
-    for key in sorted(cameras, key=int):
+    for key in sorted(keys, key=int):
         try:
-            records.append(
-                _read_image(folder, int(key), cameras[key], truth.get(key, []), infos.get(key), keypoints.get(key))
-            )
+            rows = (table.get(key) if table else None for table in (truth, infos, keypoints))
+            records.append(_read_image(folder, int(key), cameras[key], *rows))
         except (KeyError, ValueError, TypeError, IndexError) as error:
-            raise DataError(f"{folder}: image {key} does not follow the BOP format: {error!r}.") from error
+            raise DataError(f"{folder}: image {key} does not follow the BOP format: {describe(error)}.") from error
     return records
 
 
@@ -118,57 +119,57 @@ def read_depth(path: Path, depth_scale: float) -> np.ndarray:
     return raw.astype(np.float32) * np.float32(depth_scale * MILLIMETRE)
 
 
-def transform_from_bop(rotation: Any, translation_mm: Any) -> FloatArray:
-    """(4, 4) metres from BOP's nine row-major numbers and millimetres; the rotation is cleaned of rounding.
-
-    Raises:
-        ValueError: wrong count, NaN, or numbers that are no rotation.
-    """
-    r = np.asarray(rotation, dtype=np.float64).reshape(3, 3)
-    t = np.asarray(translation_mm, dtype=np.float64).reshape(3)
-    if not (np.all(np.isfinite(r)) and np.all(np.isfinite(t))):
-        raise ValueError("pose holds NaN or infinity")
-    if np.abs(r @ r.T - np.eye(3)).max() > 1e-2 or np.linalg.det(r) < 0:
-        raise ValueError("rotation is not orthonormal")
-    return se3.from_parts(so3.project(r), t * MILLIMETRE)
-
-
 def find_image(folder: Path, kinds: tuple[str, ...], stem: str) -> Path | None:
     """The first existing folder/kind/stem.suffix, or None."""
     candidates = (folder / kind / f"{stem}{suffix}" for kind in kinds for suffix in IMAGE_SUFFIXES)
     return next((p for p in candidates if p.is_file()), None)
 
 
-def _read_optional(path: Path) -> dict[str, Any]:
-    return read_json(path) if path.is_file() else {}
+def _read_table(path: Path) -> dict[str, Any]:
+    """Image number to what the file says of it."""
+    table = read_json(path)
+    if not isinstance(table, dict) or not all(str(key).isdigit() for key in table):
+        raise DataError(f"{path} must map image numbers to their data, as the BOP format says.")
+    return table
 
 
 def _decode(path: Path, flags: int) -> NDArray[Any]:
     require_file(path, "image")
-    data = np.fromfile(path, dtype=np.uint8)
-    decoded: Any = cv2.imdecode(data, flags) if _is_complete(data) else None
+    data = path.read_bytes()
+    decoded: Any = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), flags) if _is_complete(data) else None
     if decoded is None:
         raise DataError(f"{path} is not a readable image ({len(data)} bytes): is the file truncated?")
     return decoded
 
 
-def _is_complete(data: np.ndarray) -> bool:
+def _is_complete(data: bytes) -> bool:
     """Decoders fill the missing end of a truncated JPEG or PNG with grey; its closing marker tells."""
-    if len(data) == 0:
-        return False
-    if data[:2].tobytes() == b"\xff\xd8":
-        return b"\xff\xd9" in data[-64:].tobytes()
-    if data[:4].tobytes() == b"\x89PNG":
-        return b"IEND" in data[-64:].tobytes()
-    return True
+    if data.startswith(b"\xff\xd8"):
+        # The header may hold a thumbnail with an end marker of its own, so it is skipped up to the start of scan.
+        position = 2
+        while data[position : position + 1] == b"\xff" and data[position + 1 : position + 2] != b"\xda":
+            position += 2 + int.from_bytes(data[position + 2 : position + 4], "big")
+        return b"\xff\xd9" in data[position:]
+    if data.startswith(b"\x89PNG"):
+        return b"IEND\xaeB`\x82" in data
+    return len(data) > 0
 
 
-def _read_image(
-    folder: Path, im_id: int, camera: dict[str, Any], truth: Any, infos: Any, keypoints: Any
-) -> ImageRecord:
+def _camera_matrix(camera: dict[str, Any]) -> FloatArray | None:
+    if "cam_K" not in camera:
+        return None
+    matrix = np.array(camera["cam_K"], dtype=np.float64)
+    if matrix.size != 9 or not np.all(np.isfinite(matrix)) or matrix[0] <= 0 or matrix[4] <= 0:
+        raise ValueError(f"cam_K is no camera matrix: {matrix.tolist()}")
+    return matrix.reshape(3, 3)
+
+
+def _read_image(folder: Path, im_id: int, camera: Any, truth: Any, infos: Any, keypoints: Any) -> ImageRecord:
+    if not isinstance(camera, dict):
+        raise TypeError(f"expected an object in scene_camera.json, got {camera!r}")
     stem = f"{im_id:06d}"
     instances: list[Instance] = []
-    for index, row in enumerate(truth):
+    for index, row in enumerate(truth or []):
         box, fraction, points, visible = None, None, None, None
         if infos is not None:
             x, y, w, h = infos[index]["bbox_obj"]
@@ -183,7 +184,7 @@ def _read_image(
     return ImageRecord(
         scene_id=int(folder.name),
         im_id=im_id,
-        camera_matrix=np.array(camera["cam_K"], dtype=np.float64).reshape(3, 3) if "cam_K" in camera else None,
+        camera_matrix=_camera_matrix(camera),
         camera_from_world=transform_from_bop(camera["cam_R_w2c"], camera["cam_t_w2c"])
         if "cam_R_w2c" in camera
         else None,

@@ -11,7 +11,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from multicam.dataset.objects import MILLIMETRE, Catalogue
+from multicam.dataset.objects import Catalogue
+from multicam.dataset.units import MILLIMETRE
 from multicam.files import read_json, write_bytes, write_json
 from multicam.geometry.camera import Camera
 from multicam.geometry.mesh import Mesh, save_ply
@@ -84,8 +85,13 @@ class SceneWriter:
     def add(self, im_id: int, picture: LabelledImage) -> None:
         """Writes pixels, masks, depth and labels of one image, atomically as a whole."""
         stem, key = f"{im_id:06d}", str(im_id)
+        if not self._tables["scene_gt"]:
+            # To a reader a scene without this file is one without ground truth, not one that has just begun.
+            write_json(self.folder / "scene_gt.json", {})
         self._encode("rgb", f"{stem}.jpg", picture.image[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, self.jpeg_quality])
-        raw = np.clip(np.rint(picture.depth / (DEPTH_SCALE * MILLIMETRE)), 0, 65535).astype(np.uint16)
+        raw = np.rint(picture.depth / (DEPTH_SCALE * MILLIMETRE))
+        # What lies beyond 16 bits (6.5 m) is unknown; clipped, it would be a wall.
+        raw = np.where(raw > 65535, 0, raw).astype(np.uint16)
         self._encode("depth", f"{stem}.png", raw, [])
         for index, row in enumerate(picture.instances):
             for kind, mask in (("mask", row.mask), ("mask_visib", row.mask_visible)):

@@ -8,14 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from multicam.errors import DataError
+from multicam.dataset.units import MILLIMETRE, transform_from_bop
+from multicam.errors import DataError, describe
 from multicam.files import read_json, require_folder
-from multicam.geometry import se3, so3
 from multicam.geometry.mesh import Mesh, load_mesh
 from multicam.geometry.symmetry import Axis, Symmetries
 from multicam.types import FloatArray
 
-MILLIMETRE = 1e-3
 MESH_SUFFIXES = (".ply", ".obj", ".stl", ".glb")
 
 
@@ -44,6 +43,13 @@ class ObjectModel:
                 f"object {self.obj_id} ({self.name}) has a diameter of {self.diameter * 1000:g} mm, which is outside "
                 "1 mm to 10 m: models_info.json must be in millimetres (BOP format), is it in metres?"
             )
+        for name, points in (("box", self.box), ("keypoints", self.keypoints)):
+            span = self.diameter if points is None else float(np.linalg.norm(np.ptp(points, axis=0)))
+            if not 0.05 < span / self.diameter < 2:
+                raise DataError(
+                    f"object {self.obj_id} ({self.name}) is {self.diameter * 1000:g} mm across but its {name} "
+                    f"{span * 1000:g} mm: they must be in the same unit (BOP format: millimetres)."
+                )
 
     def box_corners(self) -> FloatArray:
         """(8, 3) corners of the box, or of a cube of the same diameter where no box is known; metres."""
@@ -115,31 +121,33 @@ def load_catalogue(folder: Path) -> Catalogue:
     info_path = info_folder / "models_info.json"
     info = read_json(info_path)
     keypoint_path = next((p for p in (info_folder, mesh_folder) if (p / "keypoints.json").is_file()), None)
-    keypoints: dict[str, Any] = read_json(keypoint_path / "keypoints.json") if keypoint_path else {}
+    keypoints: Any = read_json(keypoint_path / "keypoints.json") if keypoint_path else {}
     if not isinstance(info, dict) or not info:
         raise DataError(f"{info_path} must map class ids to objects, as the BOP format says; it holds none.")
+    if not isinstance(keypoints, dict):
+        raise DataError(f"{keypoint_path}/keypoints.json must map class ids to lists of points; it does not.")
     objects: dict[int, ObjectModel] = {}
     for key in sorted(info, key=lambda k: int(k) if str(k).isdigit() else -1):  # pyright: ignore[reportUnknownArgumentType, reportUnknownVariableType, reportUnknownLambdaType]
         try:
             objects[int(key)] = _read_object(int(key), info[key], keypoints.get(key), mesh_folder)  # pyright: ignore[reportUnknownArgumentType]
         except (KeyError, ValueError, TypeError) as error:
-            raise DataError(f"{info_path}: entry {key} does not follow the BOP format: {error!r}.") from error
+            raise DataError(f"{info_path}: entry {key} does not follow the BOP format: {describe(error)}.") from error
     unknown = set(keypoints) - {str(k) for k in objects}
     if unknown:
         raise DataError(f"{keypoint_path}/keypoints.json names unknown classes {sorted(unknown)}.")
     return Catalogue(objects)
 
 
-def _read_object(obj_id: int, row: dict[str, Any], keypoints: Any, mesh_folder: Path) -> ObjectModel:
+def _read_object(obj_id: int, row: Any, keypoints: Any, mesh_folder: Path) -> ObjectModel:
+    if not isinstance(row, dict):
+        raise TypeError(f"expected an object, got {row!r}")
     box = None
     if "min_x" in row:
         low = np.array([row["min_x"], row["min_y"], row["min_z"]], dtype=np.float64)
         size = np.array([row["size_x"], row["size_y"], row["size_z"]], dtype=np.float64)
         box = np.stack((low, low + size)) * MILLIMETRE
-    discrete = np.array(row.get("symmetries_discrete", []), dtype=np.float64).reshape(-1, 4, 4)
-    discrete[:, :3, 3] *= MILLIMETRE
-    # Published matrices carry rounding; the nearest rotation is meant.
-    discrete = se3.from_parts(so3.project(discrete[:, :3, :3]), discrete[:, :3, 3])
+    matrices = np.array(row.get("symmetries_discrete", []), dtype=np.float64).reshape(-1, 4, 4)
+    discrete = np.array([transform_from_bop(m[:3, :3], m[:3, 3]) for m in matrices])
     axes = tuple(
         Axis(np.array(a["axis"], dtype=np.float64), np.array(a.get("offset", [0, 0, 0])) * MILLIMETRE)
         for a in row.get("symmetries_continuous", [])

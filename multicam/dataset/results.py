@@ -5,14 +5,14 @@ from __future__ import annotations
 import csv
 import gzip
 import io
+import zlib
 from collections import defaultdict
 from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 
-from multicam.dataset.bop_reader import transform_from_bop
-from multicam.dataset.objects import MILLIMETRE
+from multicam.dataset.units import MILLIMETRE, transform_from_bop
 from multicam.errors import DataError
 from multicam.files import require_file, write_text
 from multicam.types import ObjectEstimate
@@ -32,21 +32,23 @@ def read_results(path: Path) -> Estimates:
     require_file(path, "results file")
     try:
         data = gzip.decompress(path.read_bytes()) if path.suffix == ".gz" else path.read_bytes()
-        rows = csv.reader(io.StringIO(data.decode()))
-    except (OSError, EOFError, UnicodeDecodeError) as error:
+        rows = list(csv.reader(io.StringIO(data.decode())))
+    except (OSError, EOFError, zlib.error, UnicodeDecodeError, csv.Error) as error:
         raise DataError(
             f"{path} cannot be read: {error}; it must be CSV text, gzipped if its name ends in .gz."
         ) from error
-    header = tuple(next(rows, ()))
+    header = tuple(rows[0]) if rows else ()
     if header != HEADER:
         raise DataError(
             f"{path} starts with {','.join(header)[:80]!r}; a BOP results file starts with {','.join(HEADER)!r}."
         )
     estimates: Estimates = defaultdict(list)
-    for number, row in enumerate(rows, start=2):
+    for number, row in enumerate(rows[1:], start=2):
         if not row:
             continue
         try:
+            if len(row) != len(HEADER):
+                raise ValueError(f"{len(HEADER)} columns are needed, got {len(row)}")
             scene, image, obj_id, score, rotation, translation, _ = row
             pose = transform_from_bop([float(v) for v in rotation.split()], [float(v) for v in translation.split()])
             if not np.isfinite(float(score)):

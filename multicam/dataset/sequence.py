@@ -21,7 +21,7 @@ import numpy as np
 
 from multicam.dataset.bop_reader import ImageRecord, read_depth, read_image, read_scene
 from multicam.dataset.objects import Catalogue, load_catalogue
-from multicam.errors import DataError
+from multicam.errors import DataError, describe
 from multicam.files import read_json, write_json
 from multicam.geometry import se3
 from multicam.geometry.camera import Camera
@@ -127,9 +127,12 @@ def load_recording(folder: Path) -> Recording:
     try:
         cameras = tuple(_read_camera(row) for row in content["cameras"])  # pyright: ignore[reportUnknownVariableType, reportUnknownArgumentType]
     except (KeyError, ValueError, TypeError) as error:
-        raise DataError(f"{path} does not follow the recording format: {error!r}.") from error
+        raise DataError(f"{path} does not follow the recording format: {describe(error)}.") from error
     if not cameras:
         raise DataError(f"{path} names no camera.")
+    names = [camera.camera_id for camera in cameras]
+    if len(set(names)) != len(names):
+        raise DataError(f"{path} names a camera twice: {', '.join(names)}.")
     records: dict[str, dict[int, ImageRecord]] = {}
     for camera in cameras:
         scene = {r.im_id: r for r in read_scene(folder / "test" / f"{camera.scene_id:06d}")}
@@ -166,10 +169,20 @@ def write_sequence(folder: Path, cameras: tuple[CameraEntry, ...]) -> None:
 def _read_camera(row: dict[str, Any]) -> CameraEntry:
     frames: list[FrameEntry] = []
     for frame in row["frames"]:
+        im_id, timestamp_ns = int(frame["im_id"]), int(frame["timestamp_ns"])
         pose = frame.get("tracked_world_from_camera")
         matrix = None if pose is None else np.array(pose, dtype=np.float64)
-        if matrix is not None and (matrix.shape != (4, 4) or not np.all(np.isfinite(matrix))):
-            raise ValueError(f"tracked pose of image {frame['im_id']} is not a finite 4x4 matrix")
-        frames.append(FrameEntry(int(frame["im_id"]), int(frame["timestamp_ns"]), matrix))
+        if matrix is not None and not _is_rigid(matrix):
+            raise ValueError(f"the tracked pose of image {im_id} is no 4x4 rigid transform in metres")
+        frames.append(FrameEntry(im_id, timestamp_ns, matrix))
     frames.sort(key=lambda entry: entry.timestamp_ns)
-    return CameraEntry(str(row["camera_id"]), int(row["scene_id"]), bool(row["moving"]), tuple(frames))
+    if not isinstance(row["moving"], bool):
+        raise ValueError(f'"moving" of camera {row["camera_id"]} is {row["moving"]!r}, not true or false')
+    return CameraEntry(str(row["camera_id"]), int(row["scene_id"]), row["moving"], tuple(frames))
+
+
+def _is_rigid(matrix: FloatArray) -> bool:
+    if matrix.shape != (4, 4) or not np.allclose(matrix[3], [0, 0, 0, 1]) or not np.all(np.isfinite(matrix)):
+        return False
+    rotation = matrix[:3, :3]
+    return np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3) and bool(np.linalg.det(rotation) > 0)

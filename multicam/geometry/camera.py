@@ -97,7 +97,7 @@ class Camera:
     def contains(self, pixels: Float64[np.ndarray, "*batch 2"]) -> np.ndarray:
         """Whether pixels lie on the sensor."""
         x, y = pixels[..., 0], pixels[..., 1]
-        return (x >= -0.5) & (y >= -0.5) & (x < self.width - 0.5) & (y < self.height - 0.5)
+        return np.asarray((x >= -0.5) & (y >= -0.5) & (x < self.width - 0.5) & (y < self.height - 0.5))
 
     def _normalized(self, pixels: np.ndarray) -> np.ndarray:
         return (pixels - self.matrix[:2, 2]) @ np.linalg.inv(self.matrix[:2, :2]).T

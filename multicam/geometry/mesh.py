@@ -30,7 +30,7 @@ class Mesh:
     def __post_init__(self) -> None:
         if self.vertices.ndim != 2 or self.vertices.shape[1] != 3 or not np.all(np.isfinite(self.vertices)):
             raise ValueError(f"mesh vertices must be a finite (V, 3) array; got shape {self.vertices.shape}")
-        if len(self.faces) == 0 or self.faces.max() >= len(self.vertices):
+        if len(self.faces) == 0 or self.faces.min() < 0 or self.faces.max() >= len(self.vertices):
             raise ValueError("a mesh needs faces, and they must point at existing vertices")
 
     @property
@@ -43,7 +43,8 @@ class Mesh:
         from scipy.spatial import ConvexHull
         from scipy.spatial.distance import pdist
 
-        hull = self.vertices[ConvexHull(self.vertices).vertices]
+        # Joggled input, for a flat object has no hull otherwise.
+        hull = self.vertices[ConvexHull(self.vertices, qhull_options="QJ").vertices]
         return float(pdist(hull).max())
 
     def sample_surface(self, count: int, rng: np.random.Generator) -> NDArray[np.float64]:

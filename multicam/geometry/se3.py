@@ -52,12 +52,12 @@ def log(transform: Float64[np.ndarray, "*batch 4 4"]) -> Float64[np.ndarray, "*b
     return np.concatenate((omega, translation), axis=-1)
 
 
-def plus(transform: Float64[np.ndarray, "*batch 4 4"], xi: Float64[np.ndarray, "*batch 6"]) -> np.ndarray:
+def plus(transform: Float64[np.ndarray, "*#batch 4 4"], xi: Float64[np.ndarray, "*#batch 6"]) -> np.ndarray:
     """T @ exp(xi)."""
     return transform @ exp(xi)
 
 
-def minus(a: Float64[np.ndarray, "*batch 4 4"], b: Float64[np.ndarray, "*batch 4 4"]) -> np.ndarray:
+def minus(a: Float64[np.ndarray, "*#batch 4 4"], b: Float64[np.ndarray, "*#batch 4 4"]) -> np.ndarray:
     """The twist with plus(b, twist) = a."""
     return log(inverse(b) @ a)
 
@@ -99,7 +99,7 @@ def _coupling(omega: np.ndarray, rho: np.ndarray) -> np.ndarray:
 
 
 def interpolate(
-    a: Float64[np.ndarray, "*batch 4 4"], b: Float64[np.ndarray, "*batch 4 4"], fraction: float
+    a: Float64[np.ndarray, "*#batch 4 4"], b: Float64[np.ndarray, "*#batch 4 4"], fraction: float
 ) -> np.ndarray:
     """Pose on the geodesic from a (fraction 0) to b (fraction 1); angles below pi."""
     return plus(a, fraction * minus(b, a))

@@ -69,15 +69,15 @@ class Symmetries:
 
     def closest(
         self,
-        target: Float64[np.ndarray, "*batch 4 4"],
-        source: Float64[np.ndarray, "*batch 4 4"],
+        target: Float64[np.ndarray, "*#batch 4 4"],
+        source: Float64[np.ndarray, "*#batch 4 4"],
         extent: float,
     ) -> Float64[np.ndarray, "*batch 4 4"]:
         """The symmetry S for which source @ S comes closest to target.
 
         Closeness is |t|^2 / extent^2 + |R - R'|_F^2 / 2, with `extent` the object's radius in metres, so that a
         radian counts as much as the path of the rim. The angle about a continuous axis is found in closed form
-        (projection of the relative rotation onto the axis), over every discrete symmetry.
+        for every discrete symmetry.
 
         Returns:
             (..., 4, 4) object_from_object.
@@ -85,7 +85,9 @@ class Symmetries:
         candidates = np.concatenate((np.eye(4)[None], self.discrete))
         relative = se3.inverse(source) @ target
         options = np.broadcast_to(candidates, (*relative.shape[:-2], *candidates.shape))
-        turned = [options] + [axis.rotation(_best_turn(axis, relative, options)) @ options for axis in self.axes]
+        turned = [options] + [
+            axis.rotation(_best_turn(axis, relative, options, extent)) @ options for axis in self.axes
+        ]
         stacked = np.concatenate(turned, axis=-3)
         difference = se3.inverse(stacked) @ relative[..., None, :, :]
         rotation_cost = 3 - np.trace(difference[..., :3, :3], axis1=-2, axis2=-1)
@@ -94,22 +96,26 @@ class Symmetries:
         return np.take_along_axis(stacked, best, axis=-3)[..., 0, :, :]
 
 
-def _best_turn(axis: Axis, relative: np.ndarray, discrete: np.ndarray) -> np.ndarray:
-    """Angle a maximising trace(R(a)^T relative discrete^-1): the turn closest to the relative rotation."""
-    rest = relative[..., None, :3, :3] @ np.swapaxes(discrete[..., :3, :3], -1, -2)
+def _best_turn(axis: Axis, relative: np.ndarray, discrete: np.ndarray, extent: float) -> np.ndarray:
+    """The angle a at which axis.rotation(a) @ discrete comes closest to the relative pose."""
+    p, q = relative[..., None, :3, 3] - axis.offset, axis.offset - discrete[..., :3, 3]
+    # With R = R(a) the cost is a constant - <R, M>: the translation left over is R'p + q, up to a rotation.
+    rotation = relative[..., None, :3, :3] @ np.swapaxes(discrete[..., :3, :3], -1, -2)
+    rest = rotation - 2 / extent**2 * p[..., :, None] * q[..., None, :]
     n = axis.direction
     trace = np.trace(rest, axis1=-2, axis2=-1)
     along = np.einsum("i,...ij,j->...", n, rest, n)
-    # trace(R(a)^T M) = cos a (tr M - n'Mn) + sin a (n . 2 vee(M)) + n'Mn.
+    # <R(a), M> = cos a (tr M - n'Mn) + sin a (n . 2 vee(M)) + n'Mn.
     return np.arctan2(2 * so3.vee(rest) @ n, trace - along)
 
 
 def symmetric_distance(
-    a: Float64[np.ndarray, "*batch 4 4"],
-    b: Float64[np.ndarray, "*batch 4 4"],
+    a: Float64[np.ndarray, "*#batch 4 4"],
+    b: Float64[np.ndarray, "*#batch 4 4"],
     symmetries: Float64[np.ndarray, "count 4 4"],
     points: Float64[np.ndarray, "n 3"],
 ) -> Float64[np.ndarray, "*batch"]:
     """min over S of the mean distance between a @ S and b applied to the points, metres (CosyPose)."""
     moved = se3.act(a[..., None, :, :] @ symmetries, points)
-    return np.linalg.norm(moved - se3.act(b, points)[..., None, :, :], axis=-1).mean(-1).min(-1)
+    distance = np.linalg.norm(moved - se3.act(b, points)[..., None, :, :], axis=-1).mean(-1)
+    return np.asarray(distance.min(-1))
