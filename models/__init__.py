@@ -1,0 +1,1 @@
+"""The network as torch modules, and nothing else: no data, no losses, no files."""
