@@ -1,0 +1,1 @@
+"""A trained detector as one ONNX file that the runtime reads, checked against PyTorch."""

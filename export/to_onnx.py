@@ -1,0 +1,41 @@
+"""Writes a deployed detector as one ONNX file: weights, graph and metadata, no files beside it."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+import onnx
+import torch
+
+from export.wrapper import DeployDetector
+from multicam.inference.metadata import NetworkMetadata
+from multicam.inference.session import INPUT_NAME, METADATA_KEY, OUTPUT_NAMES
+
+OPSET = 18
+"""The oldest operator set that the exporter writes without conversion."""
+
+
+def write_onnx(detector: DeployDetector, metadata: NetworkMetadata, path: Path) -> None:
+    """Writes the file; only the batch is dynamic, height and width are those of the metadata."""
+    # A batch of one would be taken for a constant.
+    example = torch.zeros((2, metadata.height, metadata.width, 3), dtype=torch.uint8)
+    with warnings.catch_warnings():
+        # PyTorch deprecates its own helpers inside the exporter; nothing a user could act on.
+        warnings.simplefilter("ignore", FutureWarning)
+        warnings.simplefilter("ignore", DeprecationWarning)
+        program = torch.onnx.export(
+            detector,
+            (example,),
+            input_names=[INPUT_NAME],
+            output_names=list(OUTPUT_NAMES),
+            dynamic_shapes={INPUT_NAME: {0: torch.export.Dim("batch", min=1, max=1024)}},
+            opset_version=OPSET,
+            dynamo=True,
+            verbose=False,
+        )
+    assert program is not None, "the dynamo exporter returns the program"
+    model = program.model_proto
+    onnx.helper.set_model_props(model, {METADATA_KEY: metadata.to_json()})
+    onnx.checker.check_model(model, full_check=True)
+    onnx.save(model, path)

@@ -1,0 +1,1 @@
+"""From pixels to object poses with uncertainty: the ONNX network, decoding, PnP."""
