@@ -1,0 +1,172 @@
+"""Errors of a run against the truth of its recording, as the headset would see them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from multicam.dataset.runs import CameraResult, FrameIndex, RunResult, StepResult
+from multicam.dataset.sequence import Recording
+from multicam.evaluation.assignment import assign_greedily
+from multicam.evaluation.camera_error import CameraError, camera_error
+from multicam.evaluation.points import PointSets
+from multicam.geometry import se3
+from multicam.types import FloatArray
+
+LEAST_VISIBLE = 0.1
+"""Objects of which every camera of a step sees less than this fraction are not asked for."""
+
+SAME_OBJECT = 0.02
+"""Metres; true poses of one class from two cameras that are closer are one object."""
+
+
+@dataclass(frozen=True)
+class RunErrors:
+    """Errors per step, in the order of the run's steps; None where a camera had no pose.
+
+    Attributes:
+        cameras: static camera to its errors in the headset's frame: inv(world_from_headset) @ world_from_static.
+        pairs: two static cameras to the errors of their relative pose.
+        objects: class to ADD(-S) errors (m) in the headset's frame over all steps; infinite for a missing object.
+    """
+
+    cameras: dict[str, tuple[CameraError | None, ...]]
+    pairs: dict[tuple[str, str], tuple[CameraError | None, ...]]
+    objects: dict[int, tuple[float, ...]]
+
+
+@dataclass(frozen=True, eq=False)
+class _Reference:
+    """The headset's pose as the run had it and as it was, at its latest picture."""
+
+    found: CameraResult
+    true_world_from_headset: FloatArray
+
+
+class Truth:
+    """True poses of a recording by camera and time stamp."""
+
+    def __init__(self, recording: Recording) -> None:
+        self._recording = recording
+        self._index = FrameIndex(recording)
+
+    def camera(self, camera_id: str, timestamp_ns: int) -> FloatArray:
+        """True world_from_camera of a picture.
+
+        Raises:
+            DataError: the recording has no such picture or no truth.
+        """
+        _, entry = self._index.find(camera_id, timestamp_ns)
+        return self._recording.truth_of(camera_id, entry.im_id)
+
+    def static(self, camera_id: str) -> FloatArray:
+        """True world_from_camera of a camera that stands still."""
+        camera = next(c for c in self._recording.cameras if c.camera_id == camera_id)
+        return self._recording.truth_of(camera_id, camera.frames[0].im_id)
+
+    def objects(self, camera_id: str, timestamp_ns: int) -> list[tuple[int, FloatArray]]:
+        """(class, true world_from_object) of what a picture shows well enough."""
+        _, entry = self._index.find(camera_id, timestamp_ns)
+        record = self._recording.record(camera_id, entry.im_id)
+        world_from_camera = self.camera(camera_id, timestamp_ns)
+        return [
+            (i.obj_id, world_from_camera @ i.camera_from_object)
+            for i in record.instances
+            if i.visible_fraction is None or i.visible_fraction >= LEAST_VISIBLE
+        ]
+
+
+def evaluate_run(run: RunResult, recording: Recording) -> RunErrors:
+    """Compares every step of a run with the recording's truth.
+
+    A static camera is judged where the headset needs it: in the headset's frame at its latest picture, so that drift
+    of the tracking between the measurement and now counts as error.
+
+    Raises:
+        DataError: run and recording do not belong together, or the recording carries no truth.
+    """
+    truth, points = Truth(recording), PointSets(recording.catalogue)
+    cameras: dict[str, list[CameraError | None]] = {name: [] for name in run.statics}
+    pairs: dict[tuple[str, str], list[CameraError | None]] = {pair: [] for pair in combinations(run.statics, 2)}
+    objects: dict[int, list[float]] = {}
+    reference: _Reference | None = None
+    for step in run.steps:
+        reference = _latest_reference(step.camera(run.headset), truth) or reference
+        for name, errors in cameras.items():
+            errors.append(_error_in_headset(step.camera(name), reference, truth))
+        for (a, b), errors in pairs.items():
+            errors.append(_pair_error(step.camera(a), step.camera(b), truth))
+        if reference is not None:
+            _judge_objects(step, reference, truth, points, objects)
+    return RunErrors(
+        {name: tuple(errors) for name, errors in cameras.items()},
+        {pair: tuple(errors) for pair, errors in pairs.items()},
+        {obj_id: tuple(errors) for obj_id, errors in sorted(objects.items())},
+    )
+
+
+def _latest_reference(headset: CameraResult, truth: Truth) -> _Reference | None:
+    if headset.world_from_camera is None or headset.timestamp_ns is None:
+        return None
+    return _Reference(headset, truth.camera(headset.camera_id, headset.timestamp_ns))
+
+
+def _error_in_headset(camera: CameraResult, reference: _Reference | None, truth: Truth) -> CameraError | None:
+    if reference is None or camera.world_from_camera is None:
+        return None
+    true = se3.inverse(reference.true_world_from_headset) @ truth.static(camera.camera_id)
+    estimated, covariance = _relative(reference.found, camera)
+    return camera_error(estimated, true, covariance)
+
+
+def _pair_error(a: CameraResult, b: CameraResult, truth: Truth) -> CameraError | None:
+    if a.world_from_camera is None or b.world_from_camera is None:
+        return None
+    estimated, covariance = _relative(a, b)
+    return camera_error(estimated, se3.inverse(truth.static(a.camera_id)) @ truth.static(b.camera_id), covariance)
+
+
+def _relative(a: CameraResult, b: CameraResult) -> tuple[FloatArray, FloatArray]:
+    """a_from_b of two placed cameras with its covariance: Cov_b + Ad(b_from_a) Cov_a Ad(b_from_a)^T."""
+    assert a.world_from_camera is not None
+    assert b.world_from_camera is not None
+    assert a.covariance is not None
+    assert b.covariance is not None
+    relative = se3.inverse(a.world_from_camera) @ b.world_from_camera
+    adjoint = se3.adjoint(se3.inverse(relative))
+    return relative, b.covariance + adjoint @ a.covariance @ adjoint.T
+
+
+def _judge_objects(
+    step: StepResult, reference: _Reference, truth: Truth, points: PointSets, errors: dict[int, list[float]]
+) -> None:
+    assert reference.found.world_from_camera is not None
+    found_from_world = se3.inverse(reference.found.world_from_camera)
+    true_from_world = se3.inverse(reference.true_world_from_headset)
+    truths = _objects_of_step(step, truth)
+    for obj_id in {class_id for class_id, _ in truths}:
+        wanted = [true_from_world @ pose for class_id, pose in truths if class_id == obj_id]
+        results = sorted((o for o in step.objects if o.obj_id == obj_id), key=lambda o: -o.score)
+        found = [found_from_world @ o.world_from_object for o in results]
+
+        def error(estimated: FloatArray, true: FloatArray, obj_id: int = obj_id) -> float:
+            return points.add_or_add_s(obj_id, estimated, true)
+
+        answers = assign_greedily(found, wanted, error)
+        errors.setdefault(obj_id, []).extend(np.inf if answer is None else answer[1] for answer in answers)
+
+
+def _objects_of_step(step: StepResult, truth: Truth) -> Sequence[tuple[int, FloatArray]]:
+    """All objects that some camera of the step sees, each once."""
+    objects: list[tuple[int, FloatArray]] = []
+    for camera in step.cameras:
+        if camera.timestamp_ns is None:
+            continue
+        for obj_id, pose in truth.objects(camera.camera_id, camera.timestamp_ns):
+            known = (p for i, p in objects if i == obj_id)
+            if all(np.linalg.norm(p[:3, 3] - pose[:3, 3]) > SAME_OBJECT for p in known):
+                objects.append((obj_id, pose))
+    return objects

@@ -1,0 +1,126 @@
+"""An information filter for one pose that does not change, or drifts slowly: the newest measurement never just wins."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import Enum
+
+import numpy as np
+
+from multicam.geometry import se3
+from multicam.scenegraph.uncertain import UncertainPose, fuse, gain, mahalanobis
+from multicam.types import FloatArray
+
+
+@dataclass(frozen=True)
+class FilterConfig:
+    """When a measurement counts."""
+
+    gate: float = 22.46
+    """Largest squared Mahalanobis distance from the stored pose; 99.9 % of good measurements lie within."""
+    takeover: int = 3
+    """Measurements in a row that must contradict the stored pose and agree with each other to replace it."""
+    least_gain: float = 0.01
+    """A measurement that would sharpen the stored pose by a smaller share than this is not fused."""
+
+
+class Outcome(Enum):
+    """What became of a measurement."""
+
+    STARTED = "started"
+    FUSED = "fused"
+    NOTHING_NEW = "nothing new"
+    REJECTED = "rejected"
+    REPLACED = "replaced"
+
+
+@dataclass(frozen=True, eq=False)
+class FilteredPose:
+    """The state of the filter.
+
+    Attributes:
+        stored: the pose as it was known at `updated_ns`.
+        count: measurements fused so far.
+        rival: measurements that contradict the stored pose but not each other; cleared by one that agrees with it.
+    """
+
+    stored: UncertainPose
+    updated_ns: int
+    count: int = 1
+    rival: FilteredPose | None = None
+
+    def at(self, timestamp_ns: int, drift_per_second: FloatArray) -> UncertainPose:
+        """The pose with the uncertainty it has gathered since: a random walk of the given (6, 6) covariance rate."""
+        seconds = abs(timestamp_ns - self.updated_ns) * 1e-9
+        return self.stored.inflated(seconds * drift_per_second)
+
+
+@dataclass(frozen=True)
+class Decision:
+    """The outcome for one measurement and how far it lay from the stored pose."""
+
+    outcome: Outcome
+    distance: float = 0.0
+    """Square root of the Mahalanobis distance."""
+    angle: float = 0.0
+    """Radians between the rotations."""
+    shift: float = 0.0
+    """Metres between the origins."""
+
+    @property
+    def accepted(self) -> bool:
+        """Whether the stored pose now contains the measurement."""
+        return self.outcome in (Outcome.STARTED, Outcome.FUSED, Outcome.REPLACED)
+
+    def reason(self) -> str:
+        """Why the measurement was not used, in plain words; empty if it was."""
+        if self.outcome is Outcome.NOTHING_NEW:
+            return "the stored pose is already as sharp as this measurement can make it"
+        if self.outcome is Outcome.REJECTED:
+            return (
+                f"the measurement lies {self.shift * 1000:.0f} mm and {np.degrees(self.angle):.1f} deg from the stored "
+                f"pose, {self.distance:.1f} standard deviations"
+            )
+        return ""
+
+
+def absorb(
+    state: FilteredPose | None,
+    measured: UncertainPose,
+    timestamp_ns: int,
+    drift_per_second: FloatArray,
+    config: FilterConfig,
+) -> tuple[FilteredPose, Decision]:
+    """One step of the filter: age, gate, then fuse, reject, or give way to a rival that has proved itself."""
+    if state is None:
+        return FilteredPose(measured, timestamp_ns), Decision(Outcome.STARTED)
+    prior = state.at(timestamp_ns, drift_per_second)
+    squared = mahalanobis(prior, measured)
+    twist = se3.minus(measured.pose, prior.pose)
+    shift = np.linalg.norm(measured.pose[:3, 3] - prior.pose[:3, 3])
+    measures = float(np.sqrt(squared)), float(np.linalg.norm(twist[:3])), float(shift)
+    if squared > config.gate:
+        return _contest(state, measured, timestamp_ns, drift_per_second, config, measures)
+    if gain(prior, measured) < config.least_gain:
+        return replace(state, rival=None), Decision(Outcome.NOTHING_NEW, *measures)
+    fused = FilteredPose(fuse(prior, measured), timestamp_ns, state.count + 1)
+    return fused, Decision(Outcome.FUSED, *measures)
+
+
+def _contest(
+    state: FilteredPose,
+    measured: UncertainPose,
+    timestamp_ns: int,
+    drift_per_second: FloatArray,
+    config: FilterConfig,
+    measures: tuple[float, float, float],
+) -> tuple[FilteredPose, Decision]:
+    """A contradicting measurement joins the rival if they agree, else it becomes the rival."""
+    rival = FilteredPose(measured, timestamp_ns)
+    if state.rival is not None:
+        prior = state.rival.at(timestamp_ns, drift_per_second)
+        if mahalanobis(prior, measured) <= config.gate:
+            rival = FilteredPose(fuse(prior, measured), timestamp_ns, state.rival.count + 1)
+    if rival.count >= config.takeover:
+        return rival, Decision(Outcome.REPLACED, *measures)
+    return replace(state, rival=rival), Decision(Outcome.REJECTED, *measures)

@@ -1,0 +1,75 @@
+"""Small charts of a run over time, as SVG."""
+
+from __future__ import annotations
+
+import io
+from typing import Any
+
+import numpy as np
+
+from multicam.dataset.runs import RunResult
+from multicam.evaluation.run_error import RunErrors
+
+STAGE_COLORS = {"network": "#3b6fd4", "pnp": "#7aa5ee", "registration": "#2f9e57", "graph": "#d79a1e"}
+LINE_COLORS = ("#3b6fd4", "#c2410c", "#2f9e57", "#7c3aed", "#0f766e", "#be185d")
+
+
+def error_chart(run: RunResult, errors: RunErrors) -> bytes:
+    """Distance (mm) and angle (deg) of each static camera in the headset's frame over time; gaps where unplaced."""
+    seconds = _seconds(run)
+    figure, axes = _figure(2, (11, 2.6))
+    for index, (name, series) in enumerate(errors.cameras.items()):
+        for panel, attribute in zip(axes, ("centre_mm", "rotation_deg"), strict=True):
+            values = [np.nan if error is None else getattr(error, attribute) for error in series]
+            color = LINE_COLORS[index % len(LINE_COLORS)]
+            panel.plot(seconds, values, "-o", markersize=3, linewidth=1.5, color=color, label=name)
+    for panel, unit in zip(axes, ("error, mm", "error, deg"), strict=True):
+        panel.set_ylabel(unit, fontsize=8.5)
+        panel.set_xlabel("s", fontsize=8.5)
+        panel.set_ylim(bottom=0)
+    axes[0].legend(fontsize=8, frameon=False)
+    return _svg(figure)
+
+
+def time_chart(run: RunResult) -> bytes:
+    """Stacked milliseconds of each step by stage."""
+    figure, (axes,) = _figure(1, (5.4, 2.6))
+    index = np.arange(len(run.steps))
+    below = np.zeros(len(run.steps))
+    for stage, color in STAGE_COLORS.items():
+        values = np.array([1000 * step.seconds.get(stage, 0.0) for step in run.steps])
+        axes.bar(index, values, bottom=below, width=0.85, color=color, label=stage)
+        below += values
+    axes.set_xlabel("step", fontsize=8.5)
+    axes.set_ylabel("ms", fontsize=8.5)
+    axes.set_ylim(0, 1.35 * max(float(below.max()), 1.0))
+    axes.legend(fontsize=8, frameon=False, ncols=4, loc="upper center")
+    return _svg(figure)
+
+
+def _seconds(run: RunResult) -> list[float]:
+    return [(step.timestamp_ns - run.steps[0].timestamp_ns) * 1e-9 for step in run.steps]
+
+
+def _figure(columns: int, size: tuple[float, float]) -> tuple[Any, Any]:
+    from matplotlib.figure import Figure
+
+    figure: Any = Figure(figsize=size, layout="constrained")
+    axes = figure.subplots(1, columns, squeeze=False)[0]
+    for panel in axes:
+        panel.tick_params(labelsize=8)
+        panel.grid(axis="y", color="#e6e8ec", linewidth=0.6)
+        panel.set_axisbelow(True)
+        for side in ("top", "right"):
+            panel.spines[side].set_visible(False)
+    return figure, axes
+
+
+def _svg(figure: Any) -> bytes:
+    import matplotlib as mpl
+
+    out = io.BytesIO()
+    # Text stays text: smaller files, and the page's own fonts.
+    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "multicam"}):
+        figure.savefig(out, format="svg", metadata={"Date": None})
+    return out.getvalue()

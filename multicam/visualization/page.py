@@ -1,0 +1,181 @@
+"""One self-contained HTML page about a run; it needs no network and no other file."""
+
+from __future__ import annotations
+
+import base64
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from multicam import __version__
+from multicam.dataset.bop_reader import read_image
+from multicam.dataset.runs import CameraResult, RunResult, StepResult
+from multicam.dataset.sequence import Recording
+from multicam.errors import DataError
+from multicam.evaluation.run_error import RunErrors, Truth
+from multicam.evaluation.tables import camera_table, coverage_table, object_table, statements, time_table
+from multicam.files import write_bytes, write_text
+from multicam.geometry import se3
+from multicam.progress import Progress
+from multicam.visualization.charts import error_chart, time_chart
+from multicam.visualization.overlay import color_of
+from multicam.visualization.pictures import encode_jpeg, overlay_path
+from multicam.visualization.topview import STATUS_COLORS, TopView, TrueWorld
+
+SHOWN_STEPS = 24
+"""The page shows at most this many steps, evenly spread; the overlays of all stand beside it."""
+
+SHOWN_WIDTH = 480
+"""Pixels of the pictures in the page."""
+
+MEANINGS = {
+    "tracked": "its own tracking gives the pose",
+    "placed": "measured at this step",
+    "kept": "pose from an earlier step",
+    "not placed": "no pose",
+}
+
+
+def write_page(
+    folder: Path,
+    run: RunResult,
+    recording: Recording,
+    errors: RunErrors | None,
+    subtitle: list[str],
+    progress: Progress,
+) -> Path:
+    """Writes report.html and top_view.png into a run's folder, whose overlays must have been drawn.
+
+    Args:
+        errors: against the recording's truth, or None before `multicam evaluate`.
+        subtitle: lines on where the run came from.
+
+    Returns:
+        The page.
+    """
+    from jinja2 import Environment, PackageLoader
+
+    catalogue = recording.catalogue
+    truth = None if errors is None else true_world(run, recording)
+    top_view = TopView(run, catalogue, truth)
+    shown = np.unique(np.linspace(0, len(run.steps) - 1, min(SHOWN_STEPS, len(run.steps))).round().astype(int))
+    steps = [
+        _shown_step(folder, run, int(number), top_view)
+        for number in progress.track(shown, "writing the page", len(shown))
+    ]
+    facts, warnings = statements(run, errors, catalogue)
+    seen = sorted({o.obj_id for step in run.steps for o in step.objects})
+    environment = Environment(
+        loader=PackageLoader("multicam.visualization"), autoescape=True, trim_blocks=True, lstrip_blocks=True
+    )
+    tables = {
+        "camera_table": camera_table(run, errors) if errors else None,
+        "coverage_table": coverage_table(run),
+        "time_table": time_table(run),
+        "object_table": object_table(errors, catalogue) if errors else None,
+    }
+    page = environment.get_template("report.html").render(
+        title="Camera poses from known objects",
+        subtitle=subtitle,
+        version=__version__,
+        facts=facts,
+        warnings=warnings,
+        judged=errors is not None,
+        cameras=[c.camera_id for c in run.steps[0].cameras],
+        steps=steps,
+        objects=[(catalogue[i].name.replace("_", " "), _hex(i)) for i in seen],
+        strips=_strips(run),
+        reasons=_reasons(run),
+        status_colors=STATUS_COLORS,
+        meanings=MEANINGS,
+        error_chart=_data_uri(error_chart(run, errors), "svg+xml") if errors else None,
+        time_chart=_data_uri(time_chart(run), "svg+xml"),
+        **{name: None if table is None else table.to_html() for name, table in tables.items()},
+    )
+    write_bytes(folder / "top_view.png", top_view.draw(run.steps[-1]))
+    write_text(folder / "report.html", page)
+    return folder / "report.html"
+
+
+def true_world(run: RunResult, recording: Recording) -> TrueWorld:
+    """The recording's truth in the frame of the run, made to coincide at the headset's first pose.
+
+    Raises:
+        DataError: the recording carries no truth.
+    """
+    truth = Truth(recording)
+    headsets = [h for h in (step.camera(run.headset) for step in run.steps) if h.timestamp_ns is not None]
+    trues = [truth.camera(h.camera_id, h.timestamp_ns) for h in headsets if h.timestamp_ns is not None]
+    first = next((i for i, h in enumerate(headsets) if h.world_from_camera is not None), None)
+    if first is None:
+        raise DataError(f"the headset {run.headset} has no pose at any step.")
+    found = headsets[first].world_from_camera
+    assert found is not None
+    run_from_true = found @ se3.inverse(trues[first])
+    statics = {name: run_from_true @ truth.static(name) for name in run.statics}
+    return TrueWorld(run_from_true @ np.stack(trues), statics)
+
+
+def _shown_step(folder: Path, run: RunResult, number: int, top_view: TopView) -> dict[str, Any]:
+    step = run.steps[number]
+    seconds = (step.timestamp_ns - run.steps[0].timestamp_ns) * 1e-9
+    return {
+        "label": f"step {number + 1} of {len(run.steps)}, {seconds:.1f} s",
+        "views": {camera.camera_id: _shown_view(folder, run, step, number, camera) for camera in step.cameras},
+        "top": _data_uri(top_view.draw(step), "png"),
+    }
+
+
+def _shown_view(folder: Path, run: RunResult, step: StepResult, number: int, camera: CameraResult) -> dict[str, Any]:
+    image = None
+    if camera.timestamp_ns is not None:
+        picture = read_image(overlay_path(folder, camera.camera_id, number))
+        scale = min(1.0, SHOWN_WIDTH / picture.shape[1])
+        small = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+        image = _data_uri(encode_jpeg(small.astype(np.uint8, copy=False)), "jpeg")
+    return {"image": image, "status": camera.status, "detail": _detail(run, step, camera)}
+
+
+def _detail(run: RunResult, step: StepResult, camera: CameraResult) -> str:
+    if camera.status == "kept" and camera.updated_ns is not None:
+        age = (step.timestamp_ns - camera.updated_ns) * 1e-9
+        return f"from {age:.1f} s ago; {camera.reason}"
+    if camera.covariance is not None and camera.camera_id != run.headset:
+        return f"{camera.reason + '; ' if camera.reason else ''}uncertain by {_spread_mm(camera):.0f} mm"
+    return camera.reason
+
+
+def _spread_mm(camera: CameraResult) -> float:
+    """Largest standard deviation of the camera's position."""
+    assert camera.covariance is not None
+    return 1000 * float(np.sqrt(np.linalg.eigvalsh(camera.covariance[3:, 3:])[-1]))
+
+
+def _strips(run: RunResult) -> list[tuple[str, list[tuple[str, str]]]]:
+    """Per camera its status at every step with a hint in words."""
+    strips: list[tuple[str, list[tuple[str, str]]]] = []
+    for name in (c.camera_id for c in run.steps[0].cameras):
+        results = [step.camera(name) for step in run.steps]
+        cells = [
+            (r.status, f"step {i + 1}: {r.status}{', ' + r.reason if r.reason else ''}") for i, r in enumerate(results)
+        ]
+        strips.append((name, cells))
+    return strips
+
+
+def _reasons(run: RunResult) -> list[tuple[str, int]]:
+    counts = Counter(
+        f"{camera.camera_id}: {camera.reason}" for step in run.steps for camera in step.cameras if camera.reason
+    )
+    return counts.most_common(6)
+
+
+def _hex(obj_id: int) -> str:
+    return "#" + "".join(f"{channel:02x}" for channel in color_of(obj_id))
+
+
+def _data_uri(data: bytes, kind: str) -> str:
+    return f"data:image/{kind};base64,{base64.b64encode(data).decode()}"

@@ -1,0 +1,76 @@
+"""Overlays of a whole run, written as files step by step."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from multicam.dataset.results import Estimates
+from multicam.dataset.runs import CameraResult, FrameIndex, RunResult, StepResult
+from multicam.dataset.sequence import Recording
+from multicam.files import write_bytes
+from multicam.geometry import se3
+from multicam.geometry.mesh import Mesh
+from multicam.progress import Progress
+from multicam.types import ImageArray, ObjectEstimate
+from multicam.visualization.overlay import GREY, Outline, color_of, draw_outlines
+
+JPEG_QUALITY = 88
+
+
+def overlay_path(folder: Path, camera_id: str, step: int) -> Path:
+    """Where the overlay of a camera at a step (counted from 0) lies within a run's folder."""
+    return folder / "overlays" / camera_id / f"{step:06d}.jpg"
+
+
+def write_overlays(
+    folder: Path, run: RunResult, recording: Recording, estimates: Estimates, progress: Progress
+) -> None:
+    """Draws every picture of a run with outlines, one at a time, and writes it into the run's folder.
+
+    A camera with a pose shows the objects of the scene graph; one without shows its own estimates in grey.
+
+    Raises:
+        DataError: a picture or mesh cannot be read, or the run belongs to another recording.
+    """
+    index = FrameIndex(recording)
+    mesh_of = functools.cache(lambda obj_id: recording.catalogue[obj_id].load_mesh())
+    for number, step in enumerate(progress.track(run.steps, "drawing", len(run.steps))):
+        for result in step.cameras:
+            if result.timestamp_ns is None:
+                continue
+            camera, entry = index.find(result.camera_id, result.timestamp_ns)
+            frame = recording.load_frame(camera, entry)
+            own = estimates.get((camera.scene_id, entry.im_id), [])
+            outlines = _outlines(step, result, own, mesh_of)
+            image = draw_outlines(frame.image, frame.camera, outlines)
+            write_bytes(overlay_path(folder, result.camera_id, number), encode_jpeg(image))
+
+
+def encode_jpeg(image: ImageArray) -> bytes:
+    """JPEG data of an (h, w, 3) RGB picture."""
+    done, data = cv2.imencode(".jpg", np.ascontiguousarray(image[:, :, ::-1]), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    if not done:
+        raise OSError("OpenCV could not encode a JPEG")
+    return data.tobytes()
+
+
+def _outlines(
+    step: StepResult, result: CameraResult, own: Sequence[ObjectEstimate], mesh_of: Callable[[int], Mesh]
+) -> list[Outline]:
+    if result.world_from_camera is None:
+        return [Outline(mesh_of(e.obj_id), e.camera_from_object, GREY) for e in own]
+    camera_from_world = se3.inverse(result.world_from_camera)
+    return [
+        Outline(
+            mesh_of(o.obj_id),
+            camera_from_world @ o.world_from_object,
+            color_of(o.obj_id),
+            bold=result.camera_id in o.seen_by,
+        )
+        for o in step.objects
+    ]

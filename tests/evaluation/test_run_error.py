@@ -1,0 +1,184 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from multicam.dataset.runs import RunResult, StepResult, read_run, write_run
+from multicam.errors import DataError
+from multicam.evaluation.run_error import evaluate_run
+from multicam.evaluation.tables import camera_table, coverage_table, object_table, statements, time_table
+from multicam.geometry import se3
+from tests.toy_recording import truthful_run
+from tests.toy_walk import HEADSET, LEFT, RIGHT
+
+
+def moved(run: RunResult, camera_id: str, twist: list[float]) -> RunResult:
+    """The run with one camera's pose perturbed on the right at every step."""
+
+    def change(step: StepResult) -> StepResult:
+        cameras = tuple(
+            replace(c, world_from_camera=se3.plus(c.world_from_camera, np.array(twist)))
+            if c.camera_id == camera_id and c.world_from_camera is not None
+            else c
+            for c in step.cameras
+        )
+        return replace(step, cameras=cameras)
+
+    return replace(run, steps=tuple(map(change, run.steps)))
+
+
+def test_a_perfect_run_has_no_errors(toy_recording):
+    errors = evaluate_run(truthful_run(toy_recording), toy_recording)
+    for series in (*errors.cameras.values(), *errors.pairs.values()):
+        assert all(e is not None and e.centre_mm < 1e-6 and e.rotation_deg < 1e-5 and e.inside for e in series)
+    assert all(max(found) < 1e-6 for found in errors.objects.values())
+
+
+def test_an_error_of_a_static_camera_shows_in_the_headsets_frame(toy_recording):
+    errors = evaluate_run(moved(truthful_run(toy_recording), LEFT, [0, 0, 0.1, 0.03, 0.04, 0]), toy_recording)
+    assert errors.cameras[LEFT][0].centre_mm == pytest.approx(50, abs=0.1)
+    assert errors.cameras[LEFT][0].rotation_deg == pytest.approx(np.degrees(0.1))
+    assert not errors.cameras[LEFT][0].inside
+    assert errors.cameras[RIGHT][0].centre_mm < 1e-6
+    assert errors.pairs[LEFT, RIGHT][0].rotation_deg == pytest.approx(np.degrees(0.1))
+
+
+def test_drift_of_the_headset_counts_as_error_of_what_it_looks_at(toy_recording):
+    errors = evaluate_run(moved(truthful_run(toy_recording), HEADSET, [0, 0, 0, 0.02, 0, 0]), toy_recording)
+    assert errors.cameras[LEFT][0].centre_mm == pytest.approx(20, abs=0.1)
+    assert errors.pairs[LEFT, RIGHT][0].centre_mm < 1e-6
+    assert min(min(found) for found in errors.objects.values()) == pytest.approx(0.02, rel=0.5)
+
+
+def test_the_whole_world_may_be_elsewhere(toy_recording, rng):
+    shift = se3.random(rng)
+    run = truthful_run(toy_recording)
+    steps = tuple(
+        replace(
+            step,
+            cameras=tuple(replace(c, world_from_camera=shift @ c.world_from_camera) for c in step.cameras),
+            objects=tuple(replace(o, world_from_object=shift @ o.world_from_object) for o in step.objects),
+        )
+        for step in run.steps
+    )
+    errors = evaluate_run(replace(run, steps=steps), toy_recording)
+    assert all(e.centre_mm < 1e-6 for series in errors.cameras.values() for e in series)
+    assert all(max(found) < 1e-6 for found in errors.objects.values())
+
+
+def test_steps_without_a_pose_are_counted_and_not_averaged_away(toy_recording):
+    run = truthful_run(toy_recording, placed_from=2)
+    errors = evaluate_run(run, toy_recording)
+    assert errors.cameras[LEFT][:2] == (None, None)
+    table = camera_table(run, errors).to_plain()["rows"]
+    assert table[0]["camera"] == f"{LEFT} in {HEADSET}"
+    assert table[0]["has pose %"] == pytest.approx(100 * 4 / 6)
+    assert table[0]["good %"] == pytest.approx(100 * 4 / 6)
+    coverage = {row["camera"]: row for row in coverage_table(run).to_plain()["rows"]}
+    assert coverage[LEFT] == {
+        "camera": LEFT, "has pose %": pytest.approx(100 * 4 / 6), "measured": 1, "kept": 3, "not placed": 2,
+        "first pose s": pytest.approx(4.0),
+    }  # fmt: skip
+    assert coverage[HEADSET]["measured"] == 6
+
+
+def test_missing_objects_are_infinite_errors(toy_recording):
+    run = truthful_run(toy_recording)
+    without = replace(run, steps=tuple(replace(s, objects=()) for s in run.steps))
+    errors = evaluate_run(without, toy_recording)
+    assert all(np.isinf(found).all() for found in errors.objects.values())
+    rows = object_table(errors, toy_recording.catalogue).to_plain()["rows"]
+    assert rows[-1]["object"] == "mean of classes"
+    assert rows[-1]["within 0.1 d %"] == 0
+    _, warnings = statements(run, errors, toy_recording.catalogue)
+    assert any(text.startswith("The network is weak") for text in warnings)
+
+
+def test_a_run_without_a_single_placed_camera_says_so(toy_recording):
+    run = truthful_run(toy_recording, placed_from=5)
+    never = replace(
+        run,
+        steps=tuple(
+            replace(
+                s,
+                cameras=tuple(
+                    c if c.camera_id == HEADSET
+                    else replace(c, status="not placed", world_from_camera=None, covariance=None, updated_ns=None)
+                    for c in s.cameras
+                ),
+            )
+            for s in run.steps
+        ),
+    )  # fmt: skip
+    errors = evaluate_run(never, toy_recording)
+    rows = camera_table(never, errors).to_plain()["rows"]
+    assert [row["has pose %"] for row in rows] == [0, 0, 0]
+    assert rows[0]["median mm"] is None
+    facts, warnings = statements(never, errors, toy_recording.catalogue)
+    assert facts[0] == "0 of 2 static cameras were placed in 6 steps."
+    assert f"Camera {LEFT} was never placed." in warnings
+
+
+def test_poor_cameras_and_small_ellipsoids_are_warned_of(toy_recording):
+    run = moved(truthful_run(toy_recording), LEFT, [0, 0, 0, 0.2, 0, 0])
+    run = moved(run, RIGHT, [0, 0, 0, 0.2, 0, 0])
+    _, warnings = statements(run, evaluate_run(run, toy_recording), toy_recording.catalogue)
+    assert any(text.startswith("Camera poses are poor") for text in warnings)
+    assert any(text.startswith("The stated uncertainties are too small: 0 %") for text in warnings)
+
+
+def test_times_are_split_by_stage(toy_recording):
+    rows = {r["stage"]: r["median ms"] for r in time_table(truthful_run(toy_recording)).to_plain()["rows"]}
+    assert rows == pytest.approx({"network": 20, "pnp": 1, "registration": 3, "graph": 2, "all": 26})
+
+
+def test_a_run_of_another_recording_is_refused(toy_recording):
+    run = truthful_run(toy_recording)
+    shifted = replace(
+        run,
+        steps=tuple(
+            replace(s, cameras=tuple(replace(c, timestamp_ns=c.timestamp_ns + 1) for c in s.cameras))
+            for s in run.steps
+        ),
+    )  # fmt: skip
+    with pytest.raises(DataError, match="was the run made on another recording"):
+        evaluate_run(shifted, toy_recording)
+
+
+def test_results_survive_the_disk(toy_recording, tmp_path):
+    run = truthful_run(toy_recording, placed_from=1)
+    write_run(tmp_path / "results.json", run)
+    found = read_run(tmp_path / "results.json")
+    assert found.recording == run.recording
+    assert [s.seconds for s in found.steps] == [s.seconds for s in run.steps]
+    for step, other in zip(found.steps, run.steps, strict=True):
+        for a, b in zip(step.cameras, other.cameras, strict=True):
+            assert (a.camera_id, a.status, a.reason, a.chain, a.updated_ns) == (
+                b.camera_id, b.status, b.reason, b.chain, b.updated_ns,
+            )  # fmt: skip
+            assert (a.world_from_camera is None) == (b.world_from_camera is None)
+            if a.world_from_camera is not None:
+                np.testing.assert_array_equal(a.world_from_camera, b.world_from_camera)
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        (lambda d: d.update(version=7), "is not the result of a run"),
+        (lambda d: d.update(steps=[]), "holds no steps"),
+        (lambda d: d.update(extra=1), "extra"),
+        (lambda d: d["steps"][0]["cameras"][0].update(world_from_camera=[[1, 2]]), "4x4 or 6x6"),
+        (lambda d: d["steps"][0]["cameras"][0].update(status="lost"), "status"),
+    ],
+)
+def test_malformed_results_are_refused_in_one_sentence(toy_recording, tmp_path, change, sentence):
+    import json
+
+    path = tmp_path / "results.json"
+    write_run(path, truthful_run(toy_recording))
+    content = json.loads(path.read_text())
+    change(content)
+    path.write_text(json.dumps(content))
+    with pytest.raises(DataError, match=sentence) as raised:
+        read_run(path)
+    assert "\n" not in str(raised.value)
