@@ -11,7 +11,7 @@ from datagen.config import SequenceConfig
 from datagen.layout import Table, place
 from datagen.looks import nominal_surface, plain_lamps, plain_room, plain_surroundings
 from datagen.sample import sample_distractor
-from datagen.scene import PlacedInstance, SceneSpec, Shot, Solid
+from datagen.scene import PlacedInstance, SceneSpec, Shot
 from datagen.stock import Group, Stock
 from datagen.trajectories import exposure_times, place_static_camera, sample_headset, tracked_poses
 from multicam.dataset.sequence import CameraEntry, FrameEntry
@@ -59,7 +59,7 @@ def sample_stage(config: SequenceConfig, stock: Stock) -> Stage:
     )
     solids = plain_room(look)
     solids += tuple(sample_distractor(table, centre, 0.35, look) for centre in centres for _ in range(2))
-    entries, shots = _film(config, stock, clusters, solids, cameras, motion)
+    entries, shots = _film(config, stock, clusters, cameras, motion)
     scene = SceneSpec(
         name=f"recording with seed {config.seed}",
         seed=int(look.integers(2**31)),
@@ -113,13 +113,11 @@ def _film(
     config: SequenceConfig,
     stock: Stock,
     clusters: tuple[Placed, Placed],
-    solids: tuple[Solid, ...],
     rng: np.random.Generator,
     motion: np.random.Generator,
 ) -> tuple[tuple[CameraEntry, ...], tuple[Shot, ...]]:
     """Where each camera is at each of its times."""
     left, right = ([_cloud(stock, obj_id, pose) for obj_id, pose in cluster] for cluster in clusters)
-    # The room itself is no obstacle; its slabs come first and are large.
     obstacles = np.concatenate(left + right)
     path = sample_headset(config, motion)
     entries: list[CameraEntry] = []

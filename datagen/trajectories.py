@@ -14,7 +14,7 @@ from multicam.geometry import se3
 from multicam.geometry.camera import Camera
 from multicam.types import FloatArray
 
-_TRIES = 2000
+_TRIES = 500
 _MARGIN = 12
 """Pixels outside the image that a static camera keeps free of the other cluster."""
 _SEEN = 0.6

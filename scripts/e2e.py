@@ -1,0 +1,56 @@
+"""The whole street in one command: CAD models, renders, training, ONNX, a run on a recording, its evaluation.
+
+Every step is a `multicam` command that continues what an earlier, killed attempt left, so starting this again is
+always safe. Results stand in $MULTICAM_DATA/e2e; report.txt there holds the times and the errors.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+from multicam.files import write_text
+
+ROOT = Path(os.environ.get("MULTICAM_DATA", "data")) / "e2e"
+MULTICAM = str(Path(sys.executable).parent / "multicam")
+
+
+def steps(root: Path) -> dict[str, list[str]]:
+    """The commands, in order; every path lies below `root`."""
+    models, recording = str(root / "models"), str(root / "recording")
+    network, train, run = str(root / "network.onnx"), root / "train-run", str(root / "run")
+    render = ["datagen", "render", "--models", models, "--output", str(root)]
+    return {
+        "models": ["datagen", "models", "--output", models],
+        "render": [*render, "--config", "configs/e2e/render.yaml"],
+        "render held-out": [*render, "--config", "configs/e2e/render-val.yaml"],
+        "sequence": ["datagen", "sequence", "--config", "configs/e2e/sequence.yaml", "--models", models]
+        + ["--output", recording],
+        "train": ["train", "--config", "configs/e2e/train.yaml", "--resume", "--output", str(train)]
+        + ["--data.train", str(root / "train"), "--data.validation", str(root / "val"), "--data.models", models],
+        "export": ["export", "--checkpoint", str(train / "best"), "--output", network],
+        "run": ["run", "--recording", recording, "--network", network, "--output", run],
+        "evaluate": ["evaluate", "--run", run],
+    }
+
+
+def main() -> None:
+    """Runs every step; a failing one ends this script with its own exit code."""
+    times: list[str] = []
+    for name, arguments in steps(ROOT).items():
+        print("$ multicam", " ".join(arguments), flush=True)
+        start = time.monotonic()
+        code = subprocess.run([MULTICAM, *arguments], check=False).returncode
+        if code:
+            sys.exit(code)
+        times.append(f"{name:<16} {time.monotonic() - start:7.0f} s")
+    errors = (ROOT / "run" / "evaluation.txt").read_text(encoding="utf-8")
+    write_text(ROOT / "report.txt", "\n".join(times) + "\n\n" + errors)
+    print((ROOT / "report.txt").read_text(encoding="utf-8"))
+
+
+if __name__ == "__main__":
+    main()
