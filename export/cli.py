@@ -19,6 +19,9 @@ from multicam.types import ImageArray
 _MOST_IMAGES = 12
 """Pictures compared, spread over the folder; more show nothing new."""
 
+_NOISY = ("onnxscript", "onnx_ir")
+"""Libraries of the exporter that log every node they touch."""
+
 log = logging.getLogger(__name__)
 
 
@@ -28,6 +31,8 @@ def main(argv: list[str]) -> None:
     Raises:
         MulticamError: an unusable checkpoint or configuration, or a file that disagrees with PyTorch.
     """
+    for name in _NOISY:
+        logging.getLogger(name).setLevel(logging.WARNING)
     config = parse_command(ExportConfig, argv, "multicam export", "Writes a trained detector as one ONNX file.")
     parity = export(config)
     save_config(config, config.output.with_suffix(".yaml"))

@@ -23,7 +23,7 @@ class ExportConfig:
     images: Path | None = None
     """Folder of pictures to compare on besides invented ones; its subfolders are searched."""
     tolerance_px: float = 1e-3
-    """Greatest difference between PyTorch and ONNX Runtime, pixels."""
+    """Greatest difference between PyTorch and ONNX Runtime, pixels; more for uncertain keypoints and large boxes."""
 
     def __post_init__(self) -> None:
         if self.rows < 1:

@@ -3,6 +3,9 @@
 Both sort cells by score, and scores that differ only by rounding may change places. So each row that ONNX Runtime
 answers is led back to its cell, and compared with what PyTorch computes for that very cell; the choice of cells is
 compared by its sorted scores.
+
+Single precision bounds what can agree: a keypoint that spreads over many pixels moves with the rounding of its logits in
+proportion to that spread, and a box with its size. Such outputs are compared in units that grow with them.
 """
 
 from __future__ import annotations
@@ -35,6 +38,8 @@ class Parity:
 
     Attributes:
         choice: of the sorted scores, which tells whether the same cells were chosen.
+        boxes: pixels, divided by a hundredth of the box's longer side where that exceeds 1.
+        keypoints, std: pixels, divided by the keypoint's own std where that exceeds 1.
         labels: by which the class answered scores less than the best class of its cell.
     """
 
@@ -112,13 +117,15 @@ def _compare_image(detector: DeployDetector, raw: RawOutputs, answer: Decoded, i
         # One cell answered twice means that another was left out, whatever the scores say.
         choice = torch.ones_like(choice)
     answered = classes[cells].gather(1, answer.labels[:, None])[:, 0]
+    sides = (boxes[cells, 2:] - boxes[cells, :2]).amax(dim=1, keepdim=True)
+    box_unit, keypoint_unit = (sides / 100).clamp(min=1), expected.std.clamp(min=1)
     differences = (
         choice,
-        answer.boxes - boxes[cells],
+        (answer.boxes - boxes[cells]) / box_unit,
         answer.scores - best[cells],
         answered - best[cells],
-        answer.keypoints - expected.keypoints,
+        (answer.keypoints - expected.keypoints) / keypoint_unit,
         answer.visibility - visibility[cells],
-        answer.std - expected.std,
+        (answer.std - expected.std) / keypoint_unit,
     )
     return torch.stack([difference.abs().max() for difference in differences])

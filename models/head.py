@@ -14,6 +14,9 @@ from models.config import ModelConfig
 _PRIOR = 0.01
 """Probability of an object that every cell starts with, so that background does not drown the first steps."""
 
+_FIRST_SIDE = 4.0
+"""Strides that every box is wide and high at first; 1 - IoU^2 has little gradient for boxes far too small."""
+
 _LONGEST = 6.0
 """Bound on log(size / stride): a box of 400 strides; keeps exp finite."""
 
@@ -55,6 +58,7 @@ class HeadLevel(nn.Module):
         nn.init.constant_(classes.bias, -math.log((1 - _PRIOR) / _PRIOR))
         nn.init.normal_(self.outputs.weight[: sum(self.sizes[:3])], std=0.01)
         nn.init.zeros_(self.outputs.bias)
+        nn.init.constant_(self.outputs.bias[2:4], math.log(_FIRST_SIDE))
 
     def forward(self, x: Tensor) -> LevelOutputs:
         """(B, head_channels, h, w) to outputs (B, h w, ...)."""

@@ -91,5 +91,7 @@ def require_folder(path: Path, what: str = "folder") -> Path:
     """
     if path.is_dir():
         return path
+    if path.exists():
+        raise DataError(f"{path} is a file where a {what} was expected.")
     parent = next((p for p in path.parents if p.exists()), Path("."))
     raise DataError(f"The {what} {path} does not exist; the nearest existing folder is {parent}.")

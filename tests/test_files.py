@@ -29,9 +29,14 @@ def test_a_write_replaces_the_old_content_and_leaves_no_other_file(tmp_path: Pat
 def test_a_block_that_fails_leaves_the_old_file_and_no_other(tmp_path: Path) -> None:
     path = tmp_path / "file.txt"
     write_text(path, "old")
-    with pytest.raises(RuntimeError, match="halfway"), write_atomic(path) as temporary:
-        temporary.write_text("half of the new")
-        raise RuntimeError("halfway")
+
+    def fail_halfway() -> None:
+        with write_atomic(path) as temporary:
+            temporary.write_text("half of the new")
+            raise RuntimeError("halfway")
+
+    with pytest.raises(RuntimeError, match="halfway"):
+        fail_halfway()
     assert path.read_text() == "old"
     assert [p.name for p in tmp_path.iterdir()] == ["file.txt"]
 

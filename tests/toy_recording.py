@@ -23,8 +23,13 @@ MESHES = toy_meshes()
 SURE = np.diag(np.repeat((1e-3, 1e-3), 3) ** 2)
 
 
-def write_toy_recording(folder: Path, walk: ToyWalk | None = None, scale: float = 0.25) -> Recording:
-    """Writes models, one scene per camera and sequence.json; by default a slow walk of six steps."""
+def write_toy_recording(
+    folder: Path, walk: ToyWalk | None = None, scale: float = 0.25, marked: bool = False
+) -> Recording:
+    """Writes models, one scene per camera and sequence.json; by default a slow walk of six steps.
+
+    With `marked`, a grey square in the middle of each picture tells a toy network which one it is: see `mark_of`.
+    """
     walk = walk or make_walk(np.random.default_rng(0), num_steps=6, step_ns=2_000_000_000)
     write_models(folder / "models", walk.steps[0].world.catalogue, MESHES)
     entries: list[CameraEntry] = []
@@ -33,7 +38,11 @@ def write_toy_recording(folder: Path, walk: ToyWalk | None = None, scale: float 
         frames: list[FrameEntry] = []
         for im_id, step in enumerate(walk.steps):
             camera = next(c for c in step.world.cameras if c.camera_id == name)
-            writer.add(im_id, _picture(step.world, camera, scale))
+            picture = _picture(step.world, camera, scale)
+            if marked:
+                height, width = picture.image.shape[0] // 2, picture.image.shape[1] // 2
+                picture.image[height - 16 : height + 16, width - 16 : width + 16] = mark_of(scene_id, im_id)
+            writer.add(im_id, picture)
             tracked = step.tracked_world_from_headset if name == HEADSET else None
             frames.append(FrameEntry(im_id, step.timestamp_ns, tracked))
         entries.append(CameraEntry(name, scene_id, name == HEADSET, tuple(frames)))
@@ -41,10 +50,15 @@ def write_toy_recording(folder: Path, walk: ToyWalk | None = None, scale: float 
     return load_recording(folder)
 
 
+def mark_of(scene_id: int, im_id: int) -> int:
+    """Grey value of a picture's mark; values differ by 12, so that JPEG's rounding does no harm."""
+    return 12 * (6 * scene_id + im_id) + 6
+
+
 def truthful_estimator(
     recording: Recording, rng: np.random.Generator, noise: float = 0.0
 ) -> Callable[[Sequence[Frame]], tuple[list[tuple[ObjectEstimate, ...]], dict[str, float]]]:
-    """Stands in for the network: the labelled poses, moved by `noise` (m per axis, and 2 rad per m), with covariance."""
+    """Stands in for the network: labelled poses moved by `noise` (m per axis, and 2 rad per m), with covariance."""
     images = {(c.camera_id, e.timestamp_ns): e.im_id for c in recording.cameras for e in c.frames}
     spread = np.repeat((2 * max(noise, 5e-4), max(noise, 5e-4)), 3)
 

@@ -12,6 +12,9 @@ from multicam.types import FloatArray
 
 _NO_CAMERA = np.eye(3)
 _NO_DISTORTION = np.zeros(4)
+_LEAST_SPREAD = 1.1e-5
+"""Variance of the normalized image points below which OpenCV's SQPnP refuses: objects of about a degree."""
+
 _MAX_SAMPLES = 60
 """Triples tried; all 56 of 8 keypoints, an even selection of more."""
 
@@ -24,8 +27,10 @@ def closed_form(points: FloatArray, normalized: FloatArray) -> FloatArray:
         normalized: (n, 2) image points of a camera with identity matrix.
 
     Returns:
-        (m, 4, 4) camera_from_object, m >= 0.
+        (m, 4, 4) camera_from_object; none for objects so small that the solver declines them.
     """
+    if normalized.var(axis=0).sum() < _LEAST_SPREAD:
+        return np.zeros((0, 4, 4))
     _, rotations, translations, _ = cv2.solvePnPGeneric(
         points, normalized, _NO_CAMERA, _NO_DISTORTION, flags=cv2.SOLVEPNP_SQPNP
     )

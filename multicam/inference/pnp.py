@@ -20,6 +20,9 @@ _COLLINEAR = 1e-3
 _LARGEST_ROTATION_VARIANCE = np.pi**2 / 3
 """Variance of an angle of which nothing is known; bounds the covariance where the keypoints show no roll."""
 
+_SINGULAR = 1e-10
+"""Ratio of the eigenvalues of the scaled information below which its inverse is noise."""
+
 _SAME_POSE = 0.1
 """Radians between two minima that count as one."""
 
@@ -89,11 +92,13 @@ class _Problem:
 
     Attributes:
         points: (n, 3) metres, object frame; pixels, std: (n, 2).
+        normalized: (n, 2) pixels as a camera with identity matrix would have them.
         limits: (n,) whitened residual norm up to which a keypoint is an inlier.
         matrix: (3, 3) of the camera; huber: threshold of the kernel.
     """
 
     points: FloatArray
+    normalized: FloatArray
     pixels: FloatArray
     std: FloatArray
     limits: FloatArray
@@ -101,11 +106,15 @@ class _Problem:
     huber: float
 
     def subset(self, chosen: NDArray[np.bool_]) -> _Problem:
-        rows = (self.points[chosen], self.pixels[chosen], self.std[chosen], self.limits[chosen])
-        return _Problem(*rows, self.matrix, self.huber)
-
-    def normalized(self) -> FloatArray:
-        return (self.pixels - self.matrix[:2, 2]) @ np.linalg.inv(self.matrix[:2, :2]).T
+        return _Problem(
+            self.points[chosen],
+            self.normalized[chosen],
+            self.pixels[chosen],
+            self.std[chosen],
+            self.limits[chosen],
+            self.matrix,
+            self.huber,
+        )
 
     def norms(self, pose: FloatArray) -> FloatArray:
         """(n,) whitened residual norms; infinite behind the camera."""
@@ -153,7 +162,8 @@ def solve_pnp(
         return PnpRefusal(f"{visible:.1f} keypoints are expected to be visible; {config.min_visible:g} are needed")
     if _collinear(keypoints_in_object[usable]):
         return PnpRefusal("the usable keypoints lie on one line of the object, which leaves its pose open")
-    pixels = camera.undistort_pixels(keypoints[usable])
+    rays = camera.unproject(keypoints[usable])
+    normalized, pixels = np.ascontiguousarray(rays[:, :2]), camera.without_distortion().project(rays)
     sigma = np.maximum(std[usable], config.std_floor)
     extent = _extent(pixels)
     if extent <= np.median(sigma):
@@ -163,7 +173,7 @@ def solve_pnp(
     tolerance = max(config.max_error_px, config.max_error_fraction * extent)
     limits = np.maximum(config.inlier_sigma, tolerance / np.sqrt(sigma.prod(axis=1)))
     points = np.ascontiguousarray(keypoints_in_object[usable], dtype=np.float64)
-    problem = _Problem(points, pixels, sigma, limits, camera.matrix, config.huber)
+    problem = _Problem(points, normalized, pixels, sigma, limits, camera.matrix, config.huber)
 
     pose = _robust_pose(problem)
     if pose is None:
@@ -180,12 +190,12 @@ def solve_pnp(
 
 def _robust_pose(problem: _Problem) -> FloatArray | None:
     """The pose with the best truncated cost; its inliers have been refined by least squares."""
-    starts = closed_form(problem.points, problem.normalized())
+    starts = closed_form(problem.points, problem.normalized)
     refined = [problem.refine(start)[0] for start in starts]
     if any(problem.inliers(pose).all() for pose in refined):
         return _best(problem, np.array(refined))
     # A single gross error drags a least squares pose along, however robust its kernel.
-    samples = minimal_samples(problem.points, problem.normalized())
+    samples = minimal_samples(problem.points, problem.normalized)
     candidates = np.concatenate((np.reshape(refined, (-1, 4, 4)), samples))
     order = np.argsort(problem.truncated_costs(candidates))[:_REFINED_HYPOTHESES]
     hypotheses = [_refit(problem, candidates[index]) for index in order]
@@ -225,17 +235,31 @@ def _describe(
     inflation = max(1.0, chi2_per_dof)
     precision = problem.information(first[0]) / inflation
     precision[:3, :3] += np.eye(3) / _LARGEST_ROTATION_VARIANCE
-    covariance = np.linalg.inv(precision)
+    covariance = _inverse(precision)
+    if covariance is None:
+        return PnpRefusal("the keypoints that agree leave the pose undetermined")
     close_call = second[1] - first[1] <= config.ambiguity_gap * inflation
     ambiguous = close_call and np.linalg.norm(se3.minus(second[0], first[0])[:3]) > _SAME_POSE
     return PnpSolution(
         camera_from_object=first[0],
-        covariance=(covariance + covariance.T) / 2,
+        covariance=covariance,
         inliers=inliers,
         error_px=error_px,
         chi2_per_dof=chi2_per_dof,
         twin=second[0] if ambiguous else None,
     )
+
+
+def _inverse(precision: FloatArray) -> FloatArray | None:
+    """Inverse of a (6, 6) symmetric matrix, positive definite by construction; None if it is singular in double."""
+    # Radians and metres differ by orders of magnitude; equal diagonals make the condition number mean something.
+    scale = 1 / np.sqrt(np.diag(precision))
+    values, vectors = np.linalg.eigh(precision * np.outer(scale, scale))
+    if not values[0] > _SINGULAR * values[-1]:
+        return None
+    half = scale[:, None] * vectors / np.sqrt(values)
+    covariance = half @ half.T
+    return (covariance + covariance.T) / 2
 
 
 def _collinear(points: FloatArray) -> bool:

@@ -91,6 +91,30 @@ def information(transform, points, pixels, std, matrix, threshold):
 
 
 @njit(cache=True)
+def _solve_positive(matrix, right):
+    """x with matrix x = right, for a positive definite (n, n) matrix and right (n,), by Cholesky.
+
+    LAPACK would do, but OpenBLAS wakes its threads for it: on a busy machine 6x6 then costs milliseconds.
+    """
+    n = len(matrix)
+    lower = np.zeros((n, n))
+    for i in range(n):
+        for j in range(i + 1):
+            rest = matrix[i, j] - lower[i, :j] @ lower[j, :j]
+            lower[i, j] = np.sqrt(rest) if i == j else rest / lower[j, j]
+    x = right.copy()
+    for i in range(n):
+        for j in range(i):
+            x[i] -= lower[i, j] * x[j]
+        x[i] /= lower[i, i]
+    for i in range(n - 1, -1, -1):
+        for j in range(i + 1, n):
+            x[i] -= lower[j, i] * x[j]
+        x[i] /= lower[i, i]
+    return x
+
+
+@njit(cache=True)
 def _moved(transform, step):
     """T (Exp(rotation), translation): a retraction that agrees with T exp(step) to first order."""
     omega = step[:3]
@@ -126,7 +150,7 @@ def refine(transform, points, pixels, std, matrix, threshold):
             for i in range(6):
                 # The addition keeps the system solvable where nothing is observed (roll of a straight rod).
                 damped[i, i] += damping * hessian[i, i] + 1e-9 * (1 + hessian[i, i])
-            candidate = _moved(transform, np.linalg.solve(damped, -gradient))
+            candidate = _moved(transform, _solve_positive(damped, -gradient))
             new_cost = huber_cost(residuals(candidate, points, pixels, std, matrix), threshold)
             accepted = new_cost < cost
             damping *= 0.1 if accepted else 10.0

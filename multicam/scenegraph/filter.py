@@ -8,7 +8,7 @@ from enum import Enum
 import numpy as np
 
 from multicam.geometry import se3
-from multicam.scenegraph.uncertain import UncertainPose, fuse, gain, mahalanobis
+from multicam.scenegraph.uncertain import UncertainPose, fuse, mahalanobis, shrinkage
 from multicam.types import FloatArray
 
 
@@ -22,6 +22,9 @@ class FilterConfig:
     """Measurements in a row that must contradict the stored pose and agree with each other to replace it."""
     least_gain: float = 0.01
     """A measurement that would sharpen the stored pose by a smaller share than this is not fused."""
+    common: float = 0.5
+    """Share of a measurement's variance that returns with every measurement, so that averaging does not remove it: a
+    static camera before a still scene makes the same error again and again."""
 
 
 class Outcome(Enum):
@@ -39,20 +42,35 @@ class FilteredPose:
     """The state of the filter.
 
     Attributes:
-        stored: the pose as it was known at `updated_ns`.
+        stored: the pose as it was known at `updated_ns`, with the covariance of the errors that averaging removes.
+        common: (6, 6) covariance of the error that all measurements share.
         count: measurements fused so far.
         rival: measurements that contradict the stored pose but not each other; cleared by one that agrees with it.
     """
 
     stored: UncertainPose
+    common: FloatArray
     updated_ns: int
     count: int = 1
     rival: FilteredPose | None = None
 
     def at(self, timestamp_ns: int, drift_per_second: FloatArray) -> UncertainPose:
-        """The pose with the uncertainty it has gathered since: a random walk of the given (6, 6) covariance rate."""
+        """The pose with all its uncertainty, also that gathered since: a random walk of a (6, 6) covariance rate."""
+        return self.aged(timestamp_ns, drift_per_second).inflated(self.common)
+
+    def aged(self, timestamp_ns: int, drift_per_second: FloatArray) -> UncertainPose:
+        """As `at`, without the common error."""
         seconds = abs(timestamp_ns - self.updated_ns) * 1e-9
         return self.stored.inflated(seconds * drift_per_second)
+
+    def fused(
+        self, measured: UncertainPose, timestamp_ns: int, drift_per_second: FloatArray, common: float
+    ) -> FilteredPose:
+        """With one more measurement, of whose variance the share `common` is common."""
+        fresh = start(measured, timestamp_ns, common)
+        pose = fuse(self.aged(timestamp_ns, drift_per_second), fresh.stored)
+        mean = (self.count * self.common + fresh.common) / (self.count + 1)
+        return FilteredPose(pose, mean, timestamp_ns, self.count + 1)
 
 
 @dataclass(frozen=True)
@@ -84,6 +102,12 @@ class Decision:
         return ""
 
 
+def start(measured: UncertainPose, timestamp_ns: int, common: float) -> FilteredPose:
+    """The filter after its first measurement."""
+    own = UncertainPose(measured.pose, (1 - common) * measured.covariance)
+    return FilteredPose(own, common * measured.covariance, timestamp_ns)
+
+
 def absorb(
     state: FilteredPose | None,
     measured: UncertainPose,
@@ -93,7 +117,7 @@ def absorb(
 ) -> tuple[FilteredPose, Decision]:
     """One step of the filter: age, gate, then fuse, reject, or give way to a rival that has proved itself."""
     if state is None:
-        return FilteredPose(measured, timestamp_ns), Decision(Outcome.STARTED)
+        return start(measured, timestamp_ns, config.common), Decision(Outcome.STARTED)
     prior = state.at(timestamp_ns, drift_per_second)
     squared = mahalanobis(prior, measured)
     twist = se3.minus(measured.pose, prior.pose)
@@ -101,9 +125,9 @@ def absorb(
     measures = float(np.sqrt(squared)), float(np.linalg.norm(twist[:3])), float(shift)
     if squared > config.gate:
         return _contest(state, measured, timestamp_ns, drift_per_second, config, measures)
-    if gain(prior, measured) < config.least_gain:
+    fused = state.fused(measured, timestamp_ns, drift_per_second, config.common)
+    if shrinkage(state.aged(timestamp_ns, drift_per_second), fused.stored) < config.least_gain:
         return replace(state, rival=None), Decision(Outcome.NOTHING_NEW, *measures)
-    fused = FilteredPose(fuse(prior, measured), timestamp_ns, state.count + 1)
     return fused, Decision(Outcome.FUSED, *measures)
 
 
@@ -116,11 +140,11 @@ def _contest(
     measures: tuple[float, float, float],
 ) -> tuple[FilteredPose, Decision]:
     """A contradicting measurement joins the rival if they agree, else it becomes the rival."""
-    rival = FilteredPose(measured, timestamp_ns)
+    rival = start(measured, timestamp_ns, config.common)
     if state.rival is not None:
         prior = state.rival.at(timestamp_ns, drift_per_second)
         if mahalanobis(prior, measured) <= config.gate:
-            rival = FilteredPose(fuse(prior, measured), timestamp_ns, state.rival.count + 1)
+            rival = state.rival.fused(measured, timestamp_ns, drift_per_second, config.common)
     if rival.count >= config.takeover:
         return rival, Decision(Outcome.REPLACED, *measures)
     return replace(state, rival=rival), Decision(Outcome.REJECTED, *measures)

@@ -33,7 +33,7 @@ class TrackingConfig:
     """Error of one tracked pose against its neighbours in time."""
     jitter_translation: float = 0.001
     """Metres."""
-    drift_rotation_deg: float = 0.03
+    drift_rotation_deg: float = 0.08
     """Drift after one second; it grows with the square root of time."""
     drift_translation: float = 0.002
     """Metres after one second."""
@@ -59,6 +59,8 @@ class ObjectConfig:
     """Metres after one second unseen."""
     forget_after: float = 10.0
     """Seconds after which an object that nobody sees is dropped."""
+    min_sightings: int = 2
+    """Looks that must agree (of several cameras, or at several times) before an object counts as known."""
 
     @property
     def motion_per_second(self) -> FloatArray:
@@ -94,6 +96,7 @@ class ObjectNode:
         filtered: world_from_object over time.
         score: best detection score behind the last update.
         seen_ns: when it was last seen by any camera with a pose.
+        sightings: looks that agreed with its pose, each camera at each time counting once.
     """
 
     instance: int
@@ -101,6 +104,7 @@ class ObjectNode:
     filtered: FilteredPose
     score: float
     seen_ns: int
+    sightings: int = 0
 
 
 @dataclass(frozen=True)
@@ -142,9 +146,11 @@ class SceneGraph:
             raise DataError(f'camera names must differ, and none may be "{WORLD}"; got {", ".join(sorted(names))}.')
         object.__setattr__(self, "statics", tuple(sorted(self.statics)))
 
-    def link(self, target: str, source: str) -> FilteredPose | None:
-        """The stored link between two nodes, in the direction of its key."""
-        return self.links.get(key_of(target, source))
+    @property
+    def known_objects(self) -> tuple[ObjectNode, ...]:
+        """Objects seen often enough to be believed, by instance number."""
+        needed = self.config.objects.min_sightings
+        return tuple(node for _, node in sorted(self.objects.items()) if node.sightings >= needed)
 
     def with_link(self, key: Key, filtered: FilteredPose) -> SceneGraph:
         """A graph in which this link is replaced."""

@@ -94,8 +94,7 @@ def fuse(a: UncertainPose, b: UncertainPose) -> UncertainPose:
     return UncertainPose(pose, np.linalg.inv(hessian))
 
 
-def gain(prior: UncertainPose, measured: UncertainPose) -> float:
-    """Share in [0, 1) by which fusing would shrink the standard deviations, as the geometric mean over the axes."""
-    fused = np.linalg.inv(prior.covariance) + np.linalg.inv(measured.covariance)
-    log_ratio = -np.linalg.slogdet(fused)[1] - np.linalg.slogdet(prior.covariance)[1]
+def shrinkage(before: UncertainPose, after: UncertainPose) -> float:
+    """Share in [0, 1) by which standard deviations fell, as the geometric mean over the axes."""
+    log_ratio = np.linalg.slogdet(after.covariance)[1] - np.linalg.slogdet(before.covariance)[1]
     return float(1 - np.exp(log_ratio / 12))

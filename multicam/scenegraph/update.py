@@ -10,7 +10,7 @@ from scipy.optimize import linear_sum_assignment
 
 from multicam.dataset.objects import Catalogue, ObjectModel
 from multicam.geometry import se3
-from multicam.scenegraph.filter import Decision, FilteredPose, Outcome, absorb
+from multicam.scenegraph.filter import Decision, Outcome, absorb, start
 from multicam.scenegraph.graph import Edge, ObjectNode, SceneGraph, TrackedPose, key_of
 from multicam.scenegraph.uncertain import UncertainPose, mahalanobis, transport
 from multicam.types import FloatArray
@@ -116,12 +116,13 @@ def _update_object(
     motion = graph.config.objects.motion_per_second
     filtered, decision = absorb(node.filtered, measured, timestamp_ns, motion, graph.config.filter)
     score = sighting.score if decision.accepted else node.score
+    agrees = decision.outcome is not Outcome.REJECTED
     updated = replace(node, filtered=filtered, score=score, seen_ns=timestamp_ns)
-    return _with_object(graph, updated, sighting.camera_ids, timestamp_ns, decision.outcome is not Outcome.REJECTED)
+    return _with_object(graph, updated, sighting.camera_ids, timestamp_ns, agrees)
 
 
 def _add_object(graph: SceneGraph, sighting: Sighting, timestamp_ns: int) -> SceneGraph:
-    filtered = FilteredPose(sighting.world_from_object, timestamp_ns)
+    filtered = start(sighting.world_from_object, timestamp_ns, graph.config.filter.common)
     node = ObjectNode(graph.next_instance, sighting.obj_id, filtered, sighting.score, timestamp_ns)
     graph = replace(graph, next_instance=graph.next_instance + 1)
     return _with_object(graph, node, sighting.camera_ids, timestamp_ns, True)
@@ -131,4 +132,5 @@ def _with_object(
     graph: SceneGraph, node: ObjectNode, camera_ids: tuple[str, ...], timestamp_ns: int, inlier: bool
 ) -> SceneGraph:
     edges = tuple(Edge(node.instance, camera, timestamp_ns, inlier) for camera in camera_ids)
+    node = replace(node, sightings=node.sightings + inlier * len(camera_ids))
     return replace(graph, objects={**graph.objects, node.instance: node}, edges=graph.edges + edges)

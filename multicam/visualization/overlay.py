@@ -52,7 +52,7 @@ def draw_outlines(image: ImageArray, camera: Camera, outlines: Sequence[Outline]
     Returns:
         (h', w', 3) uint8 RGB, enlarged by a whole factor where the picture is small.
     """
-    factor = max(1, DRAWN_WIDTH // camera.width)
+    factor = float(max(1, DRAWN_WIDTH // camera.width))
     canvas = cv2.resize(image, None, fx=factor, fy=factor, interpolation=cv2.INTER_CUBIC)
     enlarged = camera.without_distortion().scaled(factor)
     for outline in sorted(outlines, key=lambda o: -o.camera_from_object[2, 3]):

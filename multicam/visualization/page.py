@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import re
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,8 @@ from multicam.visualization.topview import STATUS_COLORS, TopView, TrueWorld
 
 SHOWN_STEPS = 24
 """The page shows at most this many steps, evenly spread; the overlays of all stand beside it."""
+
+SHOWN_REASONS = 6
 
 SHOWN_WIDTH = 480
 """Pixels of the pictures in the page."""
@@ -60,7 +63,7 @@ def write_page(
 
     catalogue = recording.catalogue
     truth = None if errors is None else true_world(run, recording)
-    top_view = TopView(run, catalogue, truth)
+    top_view = TopView(run, truth)
     shown = np.unique(np.linspace(0, len(run.steps) - 1, min(SHOWN_STEPS, len(run.steps))).round().astype(int))
     steps = [
         _shown_step(folder, run, int(number), top_view)
@@ -167,10 +170,14 @@ def _strips(run: RunResult) -> list[tuple[str, list[tuple[str, str]]]]:
 
 
 def _reasons(run: RunResult) -> list[tuple[str, int]]:
+    """Why cameras were not measured, the numbers in brackets left out, with how often."""
     counts = Counter(
-        f"{camera.camera_id}: {camera.reason}" for step in run.steps for camera in step.cameras if camera.reason
+        f"{camera.camera_id}: {re.sub(r' [(].*?[)]', '', camera.reason)}"
+        for step in run.steps
+        for camera in step.cameras
+        if camera.reason
     )
-    return counts.most_common(6)
+    return counts.most_common(SHOWN_REASONS)
 
 
 def _hex(obj_id: int) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import shutil
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -27,10 +28,15 @@ def overlay_path(folder: Path, camera_id: str, step: int) -> Path:
     return folder / "overlays" / camera_id / f"{step:06d}.jpg"
 
 
+def clear_overlays(folder: Path) -> None:
+    """Removes the overlays of an earlier run."""
+    shutil.rmtree(folder / "overlays", ignore_errors=True)
+
+
 def write_overlays(
     folder: Path, run: RunResult, recording: Recording, estimates: Estimates, progress: Progress
 ) -> None:
-    """Draws every picture of a run with outlines, one at a time, and writes it into the run's folder.
+    """Draws every picture of a run with outlines, one at a time, and writes it into the run's folder if not there yet.
 
     A camera with a pose shows the objects of the scene graph; one without shows its own estimates in grey.
 
@@ -41,14 +47,15 @@ def write_overlays(
     mesh_of = functools.cache(lambda obj_id: recording.catalogue[obj_id].load_mesh())
     for number, step in enumerate(progress.track(run.steps, "drawing", len(run.steps))):
         for result in step.cameras:
-            if result.timestamp_ns is None:
+            path = overlay_path(folder, result.camera_id, number)
+            if result.timestamp_ns is None or path.is_file():
                 continue
             camera, entry = index.find(result.camera_id, result.timestamp_ns)
             frame = recording.load_frame(camera, entry)
             own = estimates.get((camera.scene_id, entry.im_id), [])
             outlines = _outlines(step, result, own, mesh_of)
             image = draw_outlines(frame.image, frame.camera, outlines)
-            write_bytes(overlay_path(folder, result.camera_id, number), encode_jpeg(image))
+            write_bytes(path, encode_jpeg(image))
 
 
 def encode_jpeg(image: ImageArray) -> bytes:

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from multicam.dataset.objects import Catalogue
 from multicam.dataset.runs import RunResult, StepResult
 from multicam.types import FloatArray
 from multicam.visualization.overlay import color_of
@@ -42,8 +41,8 @@ class TrueWorld:
 class TopView:
     """Draws steps of one run on alike axes."""
 
-    def __init__(self, run: RunResult, catalogue: Catalogue, truth: TrueWorld | None) -> None:
-        self._run, self._catalogue, self._truth = run, catalogue, truth
+    def __init__(self, run: RunResult, truth: TrueWorld | None) -> None:
+        self._run, self._truth = run, truth
         poses = [c.world_from_camera for s in run.steps for c in s.cameras if c.world_from_camera is not None]
         self._plane = floor_axes(np.stack(poses)) if poses else np.eye(3)[:2]
         self._limits = self._extent(poses)

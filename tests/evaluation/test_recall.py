@@ -17,7 +17,7 @@ def test_average_recall_by_hand():
     assert average_recall([0.12, np.inf], BOP_SHARES) == pytest.approx(0.4)
     assert BOP_SHARES[0] == pytest.approx(0.05)
     assert BOP_SHARES[-1] == pytest.approx(0.5)
-    assert BOP_PIXELS == tuple(range(5, 55, 5))
+    assert list(BOP_PIXELS) == list(range(5, 55, 5))
 
 
 def test_area_under_the_curve_by_hand():

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 
@@ -18,18 +19,37 @@ from train.optimizer import MovingAverage
 WIDTH, HEIGHT = 96, 64
 
 
+def pictures(rng: np.random.Generator, count: int) -> np.ndarray:
+    """(count, HEIGHT, WIDTH, 3) uint8: coarse colours with fine noise, so that cells differ from each other."""
+    coarse = rng.uniform(0, 255, (count, HEIGHT // 16, WIDTH // 16, 3)).repeat(16, axis=1).repeat(16, axis=2)
+    return np.clip(coarse + rng.normal(scale=20, size=coarse.shape), 0, 255).astype(np.uint8)
+
+
 def lively_detector(config: ModelConfig, seed: int = 0) -> Detector:
     """Random weights whose outputs depend on the picture; fresh ones answer nearly the same everywhere."""
     torch.manual_seed(seed)
-    detector = Detector(config)
+    detector = Detector(config).eval()
+    images = torch.from_numpy(pictures(np.random.default_rng(seed), 8)).permute(0, 3, 1, 2).float()
+    last = [layer for level in detector.head.levels for layer in (level.outputs, level.classes[-1])]
     with torch.no_grad():
-        for level in detector.head.levels:
-            level.outputs.weight.normal_(std=0.3)
-            level.classes[-1].weight.normal_(std=0.5)
-        detector.train()
-        for _ in range(10):
-            detector.decode(detector(torch.rand(4, 3, HEIGHT, WIDTH) * 255), 10)
-    return detector.eval()
+        for module in detector.modules():
+            if isinstance(module, torch.nn.Conv2d):
+                module.weight.normal_(std=1.7 / module.weight[0].numel() ** 0.5)
+            if isinstance(module, torch.nn.BatchNorm2d | torch.nn.BatchNorm1d):
+                module.running_mean.normal_(std=0.1)
+                module.running_var.uniform_(0.7, 1.4)
+        hooks = [layer.register_forward_hook(_scale_to_half) for layer in last]
+        detector(images)
+    for hook in hooks:
+        hook.remove()
+    return detector
+
+
+def _scale_to_half(layer: torch.nn.Conv2d, _inputs: object, output: torch.Tensor) -> None:
+    """Makes every channel of the layer vary by one half about zero over the pictures just seen."""
+    factor = 0.5 / output.std(dim=(0, 2, 3))
+    layer.bias.copy_(factor * (layer.bias - output.mean(dim=(0, 2, 3))))
+    layer.weight.mul_(factor[:, None, None, None])
 
 
 @pytest.fixture(scope="session")

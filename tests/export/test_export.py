@@ -18,11 +18,12 @@ from export.config import ExportConfig
 from export.parity import PROBABILITY_TOLERANCE, Parity, compare
 from export.wrapper import DeployDetector
 from models.config import ModelConfig
-from models.detector import Detector
+from models.detector import Decoded, Detector
+from multicam.cli import USAGE_ERROR, run
 from multicam.errors import ConfigError, DataError, ModelError
 from multicam.inference.decode import DecodeConfig
 from multicam.inference.session import Network
-from tests.export.conftest import HEIGHT, WIDTH, lively_detector, write_checkpoint
+from tests.export.conftest import HEIGHT, WIDTH, lively_detector, pictures, write_checkpoint
 from tests.toy_objects import toy_catalogue
 
 ROWS = 20
@@ -69,20 +70,23 @@ def test_the_runtime_detects_with_it_in_images_of_any_size(exported: Path, rng: 
 def test_onnx_runtime_agrees_with_the_unfused_network(
     exported: Path, detector: Detector, rng: np.random.Generator, batch: int
 ) -> None:
-    images = rng.integers(0, 256, (batch, HEIGHT, WIDTH, 3), dtype=np.uint8)
+    images = pictures(rng, batch)
     with torch.inference_mode():
         raw = detector(torch.from_numpy(images).permute(0, 3, 1, 2).float())
+        best = raw.class_logits.amax(dim=2).topk(ROWS + 1, dim=1).values.sigmoid().numpy()
         expected = detector.decode(raw, ROWS)
-    boxes, scores, labels, keypoints, visibility, std = Network(exported).run(images)
-    np.testing.assert_allclose(scores, expected.scores, atol=1e-5)
-    np.testing.assert_array_equal(labels, expected.labels)
-    np.testing.assert_allclose(boxes, expected.boxes, atol=1e-3)
-    np.testing.assert_allclose(keypoints, expected.keypoints, atol=1e-3)
-    np.testing.assert_allclose(visibility, expected.visibility, atol=1e-5)
-    np.testing.assert_allclose(std, expected.std, atol=1e-3)
-    assert np.all(np.diff(scores, axis=1) <= 0)
-    # Lively weights: the test would be empty if every picture were answered alike.
-    assert keypoints.std() > 1
+    answers = Decoded(*Network(exported).run(images))
+    # Rows whose scores differ from their neighbours' by rounding alone may change places.
+    gaps = np.pad(best[:, :-1] - best[:, 1:], ((0, 0), (1, 0)), constant_values=1)
+    clear = np.minimum(gaps[:, 1:], gaps[:, :-1]) > 1e-5
+    assert clear.mean() > 0.8
+    for name, tolerance in {"boxes": 1e-3, "scores": 1e-5, "labels": 0, "keypoints": 1e-3, "std": 1e-3}.items():
+        found, wanted = getattr(answers, name)[clear], getattr(expected, name).numpy()[clear]
+        np.testing.assert_allclose(found, wanted, rtol=0, atol=tolerance, err_msg=name)
+    np.testing.assert_allclose(answers.visibility[clear], expected.visibility.numpy()[clear], atol=1e-5)
+    assert np.all(np.diff(answers.scores, axis=1) <= 0)
+    # The test would be empty if every picture were answered alike.
+    assert answers.keypoints[:, 0].std(axis=0).min() > 1 or batch == 1
 
 
 def test_another_network_is_told_apart(exported: Path, model_config: ModelConfig) -> None:
@@ -185,3 +189,14 @@ def test_unfit_options_are_refused() -> None:
         ExportConfig(rows=0)
     with pytest.raises(ConfigError, match="tolerance_px"):
         ExportConfig(tolerance_px=float("nan"))
+
+
+def test_the_command_line_ends_a_mistake_with_one_sentence_and_code_2(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = ["export", "--checkpoint", str(tmp_path / "none"), "--output", str(tmp_path / "x.onnx")]
+    assert run(command) == USAGE_ERROR
+    message = capsys.readouterr().err
+    assert message.count("\n") == 1
+    assert "checkpoint folder" in message
+    assert list(tmp_path.iterdir()) == []

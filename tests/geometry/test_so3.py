@@ -36,6 +36,18 @@ def test_log_returns_what_exp_was_given(omega: Array) -> None:
     assert np.allclose(so3.log(so3.exp(omega)), omega, rtol=1e-9, atol=1e-12)
 
 
+def test_no_digits_are_lost_on_the_way_to_zero() -> None:
+    """Where closed forms hand over to series, either would lose half of its digits too late or too early."""
+    axis = np.array([0.6, -0.48, 0.64])
+    angles = np.logspace(-14, 0, 2000)[:, None]
+    found = so3.log(so3.exp(angles * axis))
+    assert np.abs(found / (angles * axis) - 1).max() < 1e-13
+    # Turning by omega commutes with omega, so each Jacobian keeps it.
+    for jacobian in (so3.left_jacobian, so3.left_jacobian_inverse):
+        assert np.allclose(jacobian(angles * axis) @ axis, axis, atol=1e-14)
+    assert np.allclose(so3.left_jacobian(angles * axis), _series(angles * axis), atol=1e-15)
+
+
 @given(rotations())
 def test_exp_of_log_is_the_rotation_even_at_half_a_turn(rotation: Array) -> None:
     omega = so3.log(rotation)
@@ -112,6 +124,15 @@ def test_random_rotations_are_uniform() -> None:
     assert kstest(angle, lambda a: (a - np.sin(a)) / np.pi).pvalue > 0.01
     for axis in range(3):
         assert kstest(rotation[:, axis, 2], lambda z: (z + 1) / 2).pvalue > 0.01
+
+
+def _series(omega: Array) -> Array:
+    """The left Jacobian as its power series, sum of hat(omega)^k / (k + 1)!."""
+    power, total, skew = np.broadcast_to(np.eye(3), (*omega.shape, 3)), np.zeros((*omega.shape, 3)), so3.hat(omega)
+    for k in range(20):
+        total = total + power
+        power = power @ skew / (k + 2)
+    return total
 
 
 @pytest.mark.parametrize("batch", [(), (0,), (2, 3)])

@@ -20,7 +20,7 @@ ANY_SPEED = KeyframeConfig(max_speed=10.0, max_turn_deg=720.0)
 
 
 def register(world: ToyWorld, rng: np.random.Generator, scale: float = 0.0) -> Registration:
-    """Cameras that share two objects or more, in the frame of the first; `scale` times the variances of NOISE as error."""
+    """Cameras that share two objects or more, in the frame of the first; errors of `scale` times NOISE (variances)."""
     groups: list[list[int]] = []
     for index, camera in enumerate(world.cameras):
         sharing = [g for g in groups if any(_shared(world.cameras[i].visible, camera.visible) > 1 for i in g)]

@@ -4,7 +4,7 @@ from multicam.geometry import se3
 from multicam.scenegraph.filter import FilterConfig, FilteredPose, Outcome, absorb
 from multicam.scenegraph.uncertain import UncertainPose, isotropic
 
-CONFIG = FilterConfig()
+CONFIG = FilterConfig(common=0.0)
 NOISE = isotropic(0.01, 0.005)
 STILL = np.zeros((6, 6))
 SECOND = 1_000_000_000
@@ -73,6 +73,29 @@ def test_uncertainty_grows_with_time_and_lets_the_filter_follow_a_drift():
     assert abs(state.stored.pose[0, 3] - shifts[-1]) < 0.008
     # Without drift in the model the same walk ends in contradiction.
     assert Outcome.REJECTED in run(shifts)[1]
+
+
+def test_the_common_error_is_not_averaged_away():
+    config, state = FilterConfig(common=0.25, least_gain=0.0), None
+    for time in range(30):
+        state, _ = absorb(state, shifted(0.0), time * SECOND, STILL, config)
+    expected = (0.25 + 0.75 / 30) * NOISE
+    np.testing.assert_allclose(state.at(30 * SECOND, STILL).covariance, expected, rtol=1e-6, atol=1e-12)
+
+
+def test_repeated_errors_stay_within_the_stated_uncertainty(rng):
+    # Half of the variance is one error for all measurements, half is new each time, as the default assumes.
+    distances = []
+    for _ in range(150):
+        shared, state = np.sqrt(0.5) * rng.normal(size=6), None
+        for time in range(8):
+            noise = np.sqrt(np.diag(NOISE)) * (shared + np.sqrt(0.5) * rng.normal(size=6))
+            measured = UncertainPose(se3.exp(noise), NOISE)
+            state, _ = absorb(state, measured, time * SECOND, STILL, FilterConfig(least_gain=0.0))
+        final = state.at(8 * SECOND, STILL)
+        twist = se3.minus(np.eye(4), final.pose)
+        distances.append(twist @ np.linalg.solve(final.covariance, twist))
+    assert 5.0 < np.mean(distances) < 7.0  # 6 degrees of freedom
 
 
 def test_a_measurement_that_sharpens_nothing_is_left_out():

@@ -3,7 +3,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from multicam.geometry import se3
-from multicam.scenegraph.uncertain import UncertainPose, fuse, gain, isotropic, mahalanobis
+from multicam.scenegraph.uncertain import UncertainPose, fuse, isotropic, mahalanobis, shrinkage
 from tests.strategies import transforms
 
 DRAWS = 40_000
@@ -110,7 +110,7 @@ def test_the_mahalanobis_distance_of_honest_measurements_is_chi_square(rng):
     assert abs(np.mean(squared > 12.59) - 0.05) < 0.015
 
 
-def test_gain_is_the_share_by_which_deviations_shrink(rng):
+def test_shrinkage_is_the_share_by_which_deviations_fell(rng):
     a = UncertainPose(se3.random(rng), covariance(rng))
-    np.testing.assert_allclose(gain(a, a), 1 - np.sqrt(0.5), rtol=1e-9)
-    assert gain(a, UncertainPose(a.pose, 1e6 * a.covariance)) < 1e-5
+    np.testing.assert_allclose(shrinkage(a, UncertainPose(a.pose, a.covariance / 4)), 0.5)
+    np.testing.assert_allclose(shrinkage(a, fuse(a, a)), 1 - np.sqrt(0.5), rtol=1e-6)

@@ -1,0 +1,97 @@
+"""Normal equations of cameras and objects: blocks, elimination of the objects, marginal covariances."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from multicam.bundle.factor import Linearization
+from multicam.geometry import se3
+from multicam.matching.arrays import BoolArray, IntArray
+from multicam.matching.linear import apply, inverse
+from multicam.types import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class NormalEquations:
+    """Gauss-Newton system of cameras (c) and objects (o); no block ties two objects, or two cameras.
+
+    Attributes:
+        camera_hessian (c, 6, 6), object_hessian (o, 6, 6): diagonal blocks.
+        coupling: (o, c, 6, 6), rows of the object and columns of the camera.
+        camera_gradient (c, 6), object_gradient (o, 6).
+    """
+
+    camera_hessian: FloatArray
+    object_hessian: FloatArray
+    coupling: FloatArray
+    camera_gradient: FloatArray
+    object_gradient: FloatArray
+
+    @classmethod
+    def zeros(cls, cameras: int, objects: int) -> NormalEquations:
+        """An empty system, to be added to."""
+        return cls(
+            np.zeros((cameras, 6, 6)), np.zeros((objects, 6, 6)), np.zeros((objects, cameras, 6, 6)),
+            np.zeros((cameras, 6)), np.zeros((objects, 6)),
+        )  # fmt: skip
+
+    def add_edges(
+        self,
+        camera: IntArray,
+        obj: IntArray,
+        object_from_camera: FloatArray,
+        local: Linearization,
+        weight: FloatArray,
+    ) -> None:
+        """Adds edges (e,) with robust weights (e,)."""
+        gradient, hessian = weight[:, None] * local.gradient, weight[:, None, None] * local.hessian
+        jacobian = -se3.adjoint(object_from_camera)
+        transposed = np.swapaxes(jacobian, -1, -2)
+        mixed = hessian @ jacobian
+        np.add.at(self.object_hessian, obj, hessian)
+        np.add.at(self.object_gradient, obj, gradient)
+        np.add.at(self.coupling, (obj, camera), mixed)
+        self.add_cameras(camera, apply(transposed, gradient), transposed @ mixed)
+
+    def add_cameras(self, camera: IntArray, gradient: FloatArray, hessian: FloatArray) -> None:
+        """Adds gradients (p, 6) and Hessians (p, 6, 6) in the right tangents of cameras (p,)."""
+        np.add.at(self.camera_hessian, camera, hessian)
+        np.add.at(self.camera_gradient, camera, gradient)
+
+    def without(self, fixed: BoolArray) -> NormalEquations:
+        """The system in which some cameras do not move."""
+        free = ~fixed
+        return NormalEquations(
+            self.camera_hessian[free], self.object_hessian, self.coupling[:, free],
+            self.camera_gradient[free], self.object_gradient,
+        )  # fmt: skip
+
+    def solve(self, damping: float) -> FloatArray:
+        """Levenberg-Marquardt step (6 (c + o),), cameras first; the diagonal grows by the factor 1 + damping."""
+        eliminated, rows, schur = self._reduce(1 + damping * np.eye(6))
+        pulled = apply(eliminated, self.object_gradient)
+        right = np.einsum("oik,oi->k", rows, pulled) - self.camera_gradient.reshape(-1)
+        camera = inverse(schur) @ right
+        moved = rows @ camera + self.object_gradient
+        return np.concatenate((camera, -apply(eliminated, moved).reshape(-1)))
+
+    def covariances(self) -> tuple[FloatArray, FloatArray]:
+        """Marginal covariances of the cameras (c, 6, 6) and the objects (o, 6, 6)."""
+        eliminated, rows, schur = self._reduce(np.ones((6, 6)))
+        count = len(self.camera_hessian)
+        joint = inverse(schur)
+        camera = joint.reshape(count, 6, count, 6)[np.arange(count), :, np.arange(count), :]
+        gain = eliminated @ rows
+        return camera, eliminated + gain @ joint @ np.swapaxes(gain, -1, -2)
+
+    def _reduce(self, scale: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Inverse object blocks (o, 6, 6), coupling rows (o, 6, 6 c) and the Schur complement (6 c, 6 c)."""
+        objects, count = self.coupling.shape[:2]
+        eliminated = inverse(self.object_hessian * scale)
+        rows = np.swapaxes(self.coupling, 1, 2).reshape(objects, 6, 6 * count)
+        schur = -np.einsum("oik,oil->kl", rows, eliminated @ rows)
+        blocks = schur.reshape(count, 6, count, 6)
+        blocks[np.arange(count), :, np.arange(count), :] += self.camera_hessian * scale
+        return eliminated, rows, schur

@@ -1,0 +1,113 @@
+"""Cameras and objects that vary together: from factors to one damped Gauss-Newton step, and to covariances.
+
+Edges know only camera_from_object. Moving the camera by xi on the right moves that pose, seen from the object, by
+-Ad(object_from_camera) xi (FACTS 5.6), so each edge adds [[H, H J], [J' H, J' H J]] and [g; J' g] with
+J = -Ad(object_from_camera). No edge ties two objects: their blocks are eliminated one by one (Schur complement).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from multicam.bundle.factor import EdgeFactor, Linearization
+from multicam.bundle.normal import NormalEquations
+from multicam.bundle.prior import CameraPrior
+from multicam.geometry import se3
+from multicam.matching.arrays import BoolArray
+from multicam.types import FloatArray
+
+SCALE_ROUNDS = 10
+"""Fixed-point rounds for the noise scale; it converges to a few percent, which is all that is needed of it."""
+
+PRIOR_REDUNDANCY = 12.0
+"""How many redundant measurements the stated noise counts for against what the residuals say of it."""
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """Poses that vary: world_from_camera (c, 4, 4) and world_from_object (o, 4, 4)."""
+
+    world_from_camera: FloatArray
+    world_from_object: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Factors over cameras and objects; some cameras are fixed.
+
+    Attributes:
+        factors: edges between cameras and objects.
+        fixed: (c,) cameras that do not move. Each set of cameras and objects that hang together needs one, or a prior.
+        priors: what is known of cameras beforehand.
+    """
+
+    factors: Sequence[EdgeFactor]
+    fixed: BoolArray
+    priors: Sequence[CameraPrior] = ()
+
+    def linearize(self, state: State) -> tuple[float, NormalEquations]:
+        """Robust energy and Gauss-Newton system at a state."""
+        system = NormalEquations.zeros(len(state.world_from_camera), len(state.world_from_object))
+        energy = 0.0
+        for factor, pose, local in self._edges(state):
+            squared = 2 * local.energy
+            energy += float(factor.kernel.energy(squared).sum())
+            system.add_edges(factor.camera, factor.object, se3.inverse(pose), local, factor.kernel.weight(squared))
+        for prior in self.priors:
+            local = prior.linearize(state.world_from_camera[prior.camera])
+            energy += float(local.energy.sum())
+            system.add_cameras(prior.camera, local.gradient, local.hessian)
+        return energy, system.without(self.fixed)
+
+    def retract(self, state: State, step: FloatArray) -> State:
+        """The state moved by a step (6 (f + o),) on the right."""
+        free, tangents = ~self.fixed, step.reshape(-1, 6)
+        cameras = state.world_from_camera.copy()
+        cameras[free] = se3.plus(cameras[free], tangents[: free.sum()])
+        return State(cameras, se3.plus(state.world_from_object, tangents[free.sum() :]))
+
+    def noise_scale(self, state: State) -> float:
+        """How much larger the variances of the edges are than stated, by their residuals at a minimum; at least 1.
+
+        The scale at which the Student likelihood of the residuals is greatest, with the redundancy (measured numbers
+        less estimated ones) as the count and PRIOR_REDUNDANCY numbers in favour of the stated noise.
+        """
+        edges = [(factor.kernel, 2 * local.energy) for factor, _, local in self._edges(state)]
+        measured = sum(kernel.dimension * len(squared) for kernel, squared in edges)
+        estimated = 6 * (np.count_nonzero(~self.fixed) + len(state.world_from_object))
+        count, scale = PRIOR_REDUNDANCY + max(measured - estimated, 0), 1.0
+        for _ in range(SCALE_ROUNDS):
+            misfit = sum(float(np.sum(kernel.weight(squared / scale) * squared)) for kernel, squared in edges)
+            scale = max(1.0, (PRIOR_REDUNDANCY + misfit) / count)
+        return scale
+
+    def covariances(self, state: State, noise_scale: float = 1.0) -> tuple[FloatArray, FloatArray]:
+        """Covariances of the cameras (c, 6, 6; zero where fixed) and the objects (o, 6, 6) at a minimum.
+
+        An edge counts for no more than its stated information: residuals that happen to be small, because estimates of
+        one network err alike in every view, raise its robust weight but are no proof of precision.
+
+        Args:
+            noise_scale: how much larger the variances of the edges are than stated.
+        """
+        system = NormalEquations.zeros(len(state.world_from_camera), len(state.world_from_object))
+        for factor, pose, local in self._edges(state):
+            weight = np.minimum(1, factor.kernel.weight(2 * local.energy / noise_scale)) / noise_scale
+            system.add_edges(factor.camera, factor.object, se3.inverse(pose), local, weight)
+        for prior in self.priors:
+            local = prior.linearize(state.world_from_camera[prior.camera])
+            system.add_cameras(prior.camera, local.gradient, local.hessian)
+        free, objects = system.without(self.fixed).covariances()
+        cameras = np.zeros((len(self.fixed), 6, 6))
+        cameras[~self.fixed] = free
+        return cameras, objects
+
+    def _edges(self, state: State) -> Iterator[tuple[EdgeFactor, FloatArray, Linearization]]:
+        """Each factor with the poses camera_from_object of its edges and its energy there."""
+        camera_from_world = se3.inverse(state.world_from_camera)
+        for factor in self.factors:
+            pose = camera_from_world[factor.camera] @ state.world_from_object[factor.object]
+            yield factor, pose, factor.linearize(pose)

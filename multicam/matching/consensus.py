@@ -1,0 +1,172 @@
+"""Which relative pose the objects agree on: truncated likelihood with covariances, then a refit on all that agree.
+
+The gain of a pairing is the log ratio of "one object" to "clutter", plus the log prior of the pairing, and never below
+zero: a pairing that does not fit costs nothing. The evidence of a pose is the sum of its gains less the freedom the
+pose had to fit them (Laplace's approximation): a pose that rests on one pairing has none (docs/registration.md).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from multicam.geometry import se3
+from multicam.matching.arrays import BoolArray, IntArray, is_best, rank_in_group
+from multicam.matching.hypotheses import Hypotheses, Measurements
+from multicam.matching.likelihood import LikelihoodConfig
+from multicam.matching.linear import apply, inverse, invert, squared_norm
+from multicam.types import FloatArray
+
+SAME_POSE = 22.46
+"""Squared Mahalanobis distance (99.9 % of chi-square with 6 dof) up to which two refitted poses are one."""
+
+
+@dataclass(frozen=True)
+class ConsensusConfig:
+    """How the poses that objects agree on are found."""
+
+    likelihood: LikelihoodConfig = field(default_factory=LikelihoodConfig)
+    """When two estimates count as one object."""
+    refined: int = 16
+    """Hypotheses of each pair of frames that are refitted, best first."""
+    rounds: int = 3
+    """Refits of each."""
+
+
+@dataclass(frozen=True, eq=False)
+class Consensus:
+    """The best pose of each link.
+
+    Attributes:
+        frames: (l, 2) reference and query frame.
+        pose: (l, 4, 4) reference_from_query.
+        covariance: (l, 6, 6) of its right perturbation.
+        evidence: (l,) log odds of this pose against chance.
+        rival: (l,) evidence of the best pose that differs from it; minus infinity if there is none.
+        support: (l,) number of pairings that agree.
+    """
+
+    frames: IntArray
+    pose: FloatArray
+    covariance: FloatArray
+    evidence: FloatArray
+    rival: FloatArray
+    support: IntArray
+
+    @property
+    def log_odds(self) -> FloatArray:
+        """(l,) log odds of the pose against both chance and its rival."""
+        return self.evidence - np.logaddexp(0.0, self.rival)
+
+
+def find_consensus(measurements: Measurements, hypotheses: Hypotheses, config: ConsensusConfig) -> Consensus:
+    """Scores all hypotheses, refits the best of each link on what agrees with them, and takes the best of these."""
+    first = _Round.of(measurements, hypotheses.link, hypotheses.pose, hypotheses.covariance, config.likelihood)
+    order = np.lexsort((-first.score, hypotheses.link))
+    kept = hypotheses[order[rank_in_group(hypotheses.link[order]) < config.refined]]
+    pose = kept.pose
+    for _ in range(config.rounds):
+        pose = _Round.of(measurements, kept.link, pose, None, config.likelihood).refitted(measurements)[0]
+    last = _Round.of(measurements, kept.link, pose, None, config.likelihood)
+    _, covariance, evidence = last.refitted(measurements)
+    order = np.lexsort((-evidence, kept.link))
+    link, pose, covariance = kept.link[order], pose[order], covariance[order]
+    best = np.flatnonzero(rank_in_group(link) == 0)
+    return Consensus(
+        frames=measurements.frames,
+        pose=pose[best],
+        covariance=covariance[best],
+        evidence=evidence[order][best],
+        rival=_rivals(link, best, pose, covariance, evidence[order]),
+        support=last.support[order][best],
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Round:
+    """Hypotheses compared with every measurement of their link.
+
+    Attributes:
+        pose: (h, 4, 4).
+        owner, member: (n,) hypothesis and measurement that agree, one-to-one within each hypothesis.
+        residual: (n, 6).
+        squared, gain: (n,).
+        log_clutter: see LikelihoodConfig.
+    """
+
+    pose: FloatArray
+    owner: IntArray
+    member: IntArray
+    residual: FloatArray
+    gain: FloatArray
+    weight: FloatArray
+    log_clutter: float
+
+    @classmethod
+    def of(
+        cls,
+        measurements: Measurements,
+        link: IntArray,
+        pose: FloatArray,
+        covariance: FloatArray | None,
+        likelihood: LikelihoodConfig,
+    ) -> _Round:
+        """Compares; `covariance` is that of the poses where they do not stem from all that agrees with them."""
+        owner, member = measurements.of_link(link)
+        residual = measurements.residual(member, pose[owner])
+        if covariance is None:
+            information, determinant = measurements.information[member], measurements.log_determinant[member]
+        else:
+            information, determinant = invert(covariance[owner] + measurements.covariance[member])
+        squared = squared_norm(residual, information)
+        gain = likelihood.log_ratio(squared, determinant) + measurements.log_prior[member]
+        useful = np.flatnonzero(gain > 0)
+        useful = useful[_one_to_one(owner[useful], measurements, member[useful], gain[useful])]
+        return cls(
+            pose, owner[useful], member[useful], residual[useful], gain[useful],
+            likelihood.weight(squared[useful]), likelihood.log_clutter,
+        )  # fmt: skip
+
+    @property
+    def score(self) -> FloatArray:
+        """(h,) sum of gains."""
+        return np.bincount(self.owner, self.gain, minlength=len(self.pose)).astype(np.float64)
+
+    @property
+    def support(self) -> IntArray:
+        """(h,) number of pairings that agree."""
+        return np.bincount(self.owner, minlength=len(self.pose)).astype(np.int64)
+
+    def refitted(self, measurements: Measurements) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Poses after a weighted step on all that agrees (h, 4, 4), covariances (h, 6, 6), and evidence (h,)."""
+        information = self.weight[:, None, None] * measurements.information[self.member]
+        normal, right = np.zeros((len(self.pose), 6, 6)), np.zeros((len(self.pose), 6))
+        np.add.at(normal, self.owner, information)
+        np.add.at(right, self.owner, apply(information, self.residual))
+        # A hypothesis that nothing supports stays where it is and gets no evidence.
+        supported = self.support > 0
+        normal[~supported] = np.eye(6)
+        covariance, determinant = invert(normal)
+        freedom = self.log_clutter + 3 * np.log(2 * np.pi) - determinant / 2
+        return se3.plus(self.pose, apply(covariance, right)), covariance, np.where(supported, self.score + freedom, 0.0)
+
+
+def _one_to_one(owner: IntArray, measurements: Measurements, member: IntArray, gain: FloatArray) -> BoolArray:
+    """Pairings that are the best both of their reference object and of their query object, per hypothesis."""
+    reference, query = measurements.reference[member], measurements.query[member]
+    by_reference = is_best(owner * (reference.max(initial=0) + 1) + reference, gain)
+    return by_reference & is_best(owner * (query.max(initial=0) + 1) + query, gain)
+
+
+def _rivals(
+    link: IntArray, best: IntArray, pose: FloatArray, covariance: FloatArray, evidence: FloatArray
+) -> FloatArray:
+    """Greatest evidence, per link, of poses that differ from the best one."""
+    winner = best[np.searchsorted(link[best], link)]
+    difference = se3.minus(pose, pose[winner])
+    spread = covariance + covariance[winner]
+    other = squared_norm(difference, inverse(spread)) > SAME_POSE
+    rival = np.full(len(best), -np.inf)
+    np.maximum.at(rival, np.searchsorted(link[best], link[other]), evidence[other])
+    return rival

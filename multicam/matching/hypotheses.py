@@ -1,0 +1,185 @@
+"""Relative poses of two frames from pairs of objects of one class, symmetries included.
+
+If a reference frame A and a query frame B hold poses of one object, `A_from_object @ S @ inverse(B_from_object)`
+measures A_from_B for one symmetry S of the object; its covariance is that of FACTS 8.2. A continuous symmetry leaves a
+turn about its axis open: the measurement is then a family `pose @ exp(angle * axis)`, and a second object tells the
+angle.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from multicam.geometry import se3
+from multicam.matching.arrays import BoolArray, IntArray, ragged, rank_in_group
+from multicam.matching.linear import apply, congruent, inverse, invert
+from multicam.matching.observations import PosedObjects
+from multicam.matching.symmetry import SymmetryTable, closest_turn
+from multicam.types import FloatArray
+
+PARTNERS = 8
+"""Second objects tried for the angle of a measurement with an axis: those whose distances fit best."""
+
+
+@dataclass(frozen=True, eq=False)
+class Measurements:
+    """Every way in which a query object may be a reference object; sorted by link.
+
+    Attributes:
+        frames: (links, 2) reference and query frame of each link.
+        link: (m,) which pair of frames.
+        reference, query: (m,) the two objects.
+        variant: (m,) number of the discrete symmetry, 0 for the identity.
+        pose: (m, 4, 4) measured reference_from_query of the frames.
+        covariance, information: (m, 6, 6) of its right perturbation, and the inverse.
+        log_determinant: (m,) of the covariance.
+        axis: (m, 6) twist in the query frame about which the measurement may turn; zero for most objects.
+        log_prior: (m,) logarithm of the probability that the pairing is right, from scores and number of rivals.
+    """
+
+    frames: IntArray
+    link: IntArray
+    reference: IntArray
+    query: IntArray
+    variant: IntArray
+    pose: FloatArray
+    covariance: FloatArray
+    information: FloatArray
+    log_determinant: FloatArray
+    axis: FloatArray
+    log_prior: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.link)
+
+    def of_link(self, link: IntArray) -> tuple[IntArray, IntArray]:
+        """All measurements of each given link: (owner, member) flat."""
+        start, stop = np.searchsorted(self.link, link), np.searchsorted(self.link, link, side="right")
+        return ragged(start, stop - start)
+
+    def residual(self, member: IntArray, pose: FloatArray) -> FloatArray:
+        """(n, 6) log(pose^-1 measured) of measurements `member`, each turned about its axis to come closest."""
+        relative = se3.inverse(pose) @ self.pose[member]
+        axis = self.axis[member]
+        turning = np.any(axis, axis=-1)
+        if np.any(turning):
+            angle = closest_turn(relative[turning, :3, :3], axis[turning, :3])
+            relative[turning] = relative[turning] @ se3.exp(angle[:, None] * axis[turning])
+        return se3.log(relative)
+
+
+@dataclass(frozen=True, eq=False)
+class Hypotheses:
+    """Candidate poses of query frames in reference frames; sorted by link.
+
+    Attributes:
+        link: (h,) which pair of frames.
+        pose: (h, 4, 4) reference_from_query.
+        covariance: (h, 6, 6) of its right perturbation.
+    """
+
+    link: IntArray
+    pose: FloatArray
+    covariance: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.link)
+
+    def __getitem__(self, chosen: IntArray | BoolArray) -> Hypotheses:
+        return Hypotheses(self.link[chosen], self.pose[chosen], self.covariance[chosen])
+
+
+def measure(
+    reference: PosedObjects, query: PosedObjects, allowed: BoolArray, symmetries: SymmetryTable
+) -> Measurements:
+    """All allowed pairs of one class, each with every discrete symmetry.
+
+    Args:
+        allowed: (reference, query) which objects may be compared, such as those of different views.
+    """
+    a, b = np.nonzero(allowed & (reference.obj_id[:, None] == query.obj_id[None, :]))
+    # Frames ascend, so sorting the pairs by both frames sorts them by link.
+    order = np.lexsort((query.frame[b], reference.frame[a]))
+    a, b = a[order], b[order]
+    pair_of_frames = np.stack((reference.frame[a], query.frame[b]), axis=1)
+    is_next = np.any(np.diff(pair_of_frames, axis=0, prepend=pair_of_frames[:1]) != 0, axis=1)
+    link = np.cumsum(is_next)
+    frames = pair_of_frames[np.flatnonzero(rank_in_group(link) == 0)]
+    row = symmetries.rows(query.obj_id[b])
+    rivals = np.maximum(_size_of_group(link * len(query) + b), _size_of_group(link * len(reference) + a))
+    log_prior = np.log(reference.score[a] * query.score[b] / (rivals * symmetries.count[row]))
+    pair, symmetry = ragged(symmetries.start[row], symmetries.count[row])
+    a, b, row = a[pair], b[pair], row[pair]
+    query_from_twin = query.frame_from_object[b] @ se3.inverse(symmetries.transforms[symmetry])
+    move_a, move_b = se3.adjoint(query_from_twin), se3.adjoint(query.frame_from_object[b])
+    covariance = congruent(move_a, reference.covariance[a]) + congruent(move_b, query.covariance[b])
+    information, determinant = invert(covariance)
+    return Measurements(
+        frames=frames,
+        link=link[pair],
+        reference=a,
+        query=b,
+        variant=symmetry - symmetries.start[row],
+        pose=reference.frame_from_object[a] @ se3.inverse(query_from_twin),
+        covariance=covariance,
+        information=information,
+        log_determinant=determinant,
+        axis=apply(move_a, symmetries.axis[row]),
+        log_prior=log_prior[pair],
+    )
+
+
+def propose(measurements: Measurements, reference: PosedObjects, query: PosedObjects) -> Hypotheses:
+    """One hypothesis from each measurement without an axis; those with one get their angle from second objects.
+
+    A measurement with an axis and no second object is a hypothesis too: it shows that the turn is open.
+    """
+    turning = np.any(measurements.axis, axis=-1)
+    first, second, angle = _second_objects(measurements, np.flatnonzero(turning), reference, query)
+    turning[np.setdiff1d(np.flatnonzero(turning), first)] = False
+    fixed = np.flatnonzero(~turning)
+    turned = measurements.pose[first] @ se3.exp(angle[:, None] * measurements.axis[first])
+    both = inverse(measurements.information[first] + measurements.information[second])
+    link = np.concatenate((measurements.link[fixed], measurements.link[first]))
+    pose = np.concatenate((measurements.pose[fixed], turned))
+    covariance = np.concatenate((measurements.covariance[fixed], both))
+    return Hypotheses(link, pose, covariance)[np.argsort(link, kind="stable")]
+
+
+def _second_objects(
+    measurements: Measurements, turning: IntArray, reference: PosedObjects, query: PosedObjects
+) -> tuple[IntArray, IntArray, FloatArray]:
+    """For measurements with an axis: (first, second, angle) that bring the second object's centres together."""
+    owner, second = measurements.of_link(measurements.link[turning])
+    first = turning[owner]
+    # Symmetric variants of the second object have one centre, so the first variant stands for all.
+    fits = measurements.variant[second] == 0
+    for side in (measurements.reference, measurements.query):
+        fits &= side[first] != side[second]
+    first, second = first[fits], second[fits]
+    direction, moment = measurements.axis[first, :3], measurements.axis[first, 3:]
+    on_axis = np.cross(direction, moment)
+    query_from_reference = se3.inverse(measurements.pose[first])
+    centre = reference.frame_from_object[measurements.reference[second], :3, 3]
+    target = apply(query_from_reference[:, :3, :3], centre) + query_from_reference[:, :3, 3]
+    goal, goal_height = _across(target - on_axis, direction)
+    start, start_height = _across(query.frame_from_object[measurements.query[second], :3, 3] - on_axis, direction)
+    angle = np.arctan2(np.sum(direction * np.cross(start, goal), axis=-1), np.sum(start * goal, axis=-1))
+    misfit = np.hypot(goal_height - start_height, np.linalg.norm(goal, axis=-1) - np.linalg.norm(start, axis=-1))
+    order = np.lexsort((misfit, first))
+    order = order[rank_in_group(first[order]) < PARTNERS]
+    return first[order], second[order], angle[order]
+
+
+def _across(vector: FloatArray, direction: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Part of vectors (n, 3) across unit directions (n, 3), and the coordinate (n,) along them."""
+    along = np.sum(vector * direction, axis=-1)
+    return vector - along[:, None] * direction, along
+
+
+def _size_of_group(code: IntArray) -> IntArray:
+    """How many elements share each element's code."""
+    _, group, counts = np.unique(code, return_inverse=True, return_counts=True)
+    return counts[group]

@@ -1,0 +1,44 @@
+"""How much more likely two poses are as one object seen twice than as two unrelated ones."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import gammaln
+
+from multicam.types import FloatArray
+
+
+@dataclass(frozen=True)
+class LikelihoodConfig:
+    """The two explanations of a pair of estimates: one object, or clutter."""
+
+    tail: float = 2.0
+    """Degrees of freedom of the Student distribution of estimates; small values expect many gross errors."""
+    clutter_volume: float = 0.1
+    """Volume, cubic metres, over which estimates that belong to nothing spread; their attitudes are arbitrary."""
+
+    def __post_init__(self) -> None:
+        if min(self.tail, self.clutter_volume) <= 0:
+            raise ValueError("tail and clutter_volume must be positive")
+
+    @property
+    def log_clutter(self) -> float:
+        """Log density of an unrelated pose: all attitudes (their volume is 8 pi^2) times the clutter volume."""
+        return -float(np.log(8 * np.pi**2 * self.clutter_volume))
+
+    def log_ratio(self, squared: FloatArray, log_determinant: FloatArray) -> FloatArray:
+        """Log of the ratio of the two densities of a pose difference.
+
+        Args:
+            squared: r' C^-1 r of the six-dimensional residual r.
+            log_determinant: of its covariance C.
+        """
+        constant = gammaln((self.tail + 6) / 2) - gammaln(self.tail / 2) - 3 * np.log(self.tail * np.pi)
+        student = constant - log_determinant / 2 - (self.tail + 6) / 2 * np.log1p(squared / self.tail)
+        return student - self.log_clutter
+
+    def weight(self, squared: FloatArray) -> FloatArray:
+        """Weight of a residual in a least-squares step that raises the Student likelihood."""
+        return (self.tail + 6) / (self.tail + squared)

@@ -1,0 +1,79 @@
+"""The estimates of a group of views as arrays, ready for vectorised matching."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from multicam.dataset.objects import Catalogue
+from multicam.matching.arrays import BoolArray, IntArray
+from multicam.matching.noise import NoiseConfig, free_turns, geometric_covariance
+from multicam.types import FloatArray, View
+
+CREDIBLE = (1e-4, 0.98)
+"""Scores as probabilities: published files state 1.0 throughout, and no detector is that sure, or that unsure."""
+
+
+@dataclass(frozen=True, eq=False)
+class PosedObjects:
+    """Objects with poses in one or several frames: estimates in their cameras, or fused objects in a world.
+
+    Attributes:
+        frame: (n,) index of the frame, ascending.
+        obj_id: (n,) class.
+        score: (n,) probability in [0, 1] that the object is there.
+        frame_from_object: (n, 4, 4).
+        covariance: (n, 6, 6) of the right perturbation; a turn about a symmetry axis has that of a free angle.
+    """
+
+    frame: IntArray
+    obj_id: IntArray
+    score: FloatArray
+    frame_from_object: FloatArray
+    covariance: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.frame)
+
+    def __getitem__(self, chosen: IntArray | BoolArray) -> PosedObjects:
+        return PosedObjects(
+            self.frame[chosen], self.obj_id[chosen], self.score[chosen],
+            self.frame_from_object[chosen], self.covariance[chosen],
+        )  # fmt: skip
+
+
+def observe(views: Sequence[View], catalogue: Catalogue, config: NoiseConfig) -> PosedObjects:
+    """Collects the estimates; where one has no covariance, the geometric noise model gives it.
+
+    The frame of an estimate is the index of its view; estimates keep their order.
+
+    Raises:
+        DataError: an estimate of a class that the catalogue does not hold.
+    """
+    flat = [(v, estimate) for v, view in enumerate(views) for estimate in view.estimates]
+    models = [catalogue[estimate.obj_id] for _, estimate in flat]
+    poses = np.array([e.camera_from_object for _, e in flat]).reshape(-1, 4, 4)
+    covariance = np.array([free_turns(model) for model in models]).reshape(-1, 6, 6)
+    silent = [n for n, (_, e) in enumerate(flat) if e.covariance is None]
+    if silent:
+        corners = np.array([models[n].box_corners() for n in silent])
+        focal = np.array([_focal(views[flat[n][0]], config) for n in silent])
+        covariance[silent] += geometric_covariance(poses[silent], corners, focal, config)
+    for n, (_, estimate) in enumerate(flat):
+        if estimate.covariance is not None:
+            covariance[n] += estimate.covariance
+    return PosedObjects(
+        frame=np.array([v for v, _ in flat], dtype=np.int64),
+        obj_id=np.array([e.obj_id for _, e in flat], dtype=np.int64),
+        score=np.clip(np.array([e.score for _, e in flat], dtype=np.float64), *CREDIBLE),
+        frame_from_object=poses,
+        covariance=covariance,
+    )
+
+
+def _focal(view: View, config: NoiseConfig) -> float:
+    if view.camera_matrix is None:
+        return config.assumed_focal
+    return float(np.sqrt(abs(np.linalg.det(view.camera_matrix[:2, :2]))))

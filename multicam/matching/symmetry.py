@@ -1,0 +1,67 @@
+"""Symmetries of several classes as flat arrays, so that estimates of all classes are handled at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from multicam.dataset.objects import Catalogue
+from multicam.geometry import so3
+from multicam.geometry.symmetry import Axis
+from multicam.matching.arrays import IntArray
+from multicam.types import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class SymmetryTable:
+    """Discrete symmetries (identity first) of each class, one after the other, and its continuous axis.
+
+    Attributes:
+        obj_ids: (c,) classes, ascending.
+        start, count: (c,) where the transforms of a class stand.
+        transforms: (s, 4, 4) object_from_object.
+        axis: (c, 6) unit twist about the axis in the object frame, zero where there is none. Of several axes (no known
+            object has them) the first.
+    """
+
+    obj_ids: IntArray
+    start: IntArray
+    count: IntArray
+    transforms: FloatArray
+    axis: FloatArray
+
+    @classmethod
+    def of(cls, catalogue: Catalogue, obj_ids: IntArray) -> SymmetryTable:
+        """The table of the classes that occur in `obj_ids`."""
+        unique = np.unique(obj_ids)
+        symmetries = [catalogue[o].symmetries for o in unique.tolist()]
+        blocks = [np.concatenate((np.eye(4)[None], s.discrete)) for s in symmetries]
+        count = np.array([len(block) for block in blocks], dtype=np.int64)
+        axis = np.array([axis_twist(s.axes[0]) if s.axes else np.zeros(6) for s in symmetries]).reshape(-1, 6)
+        return cls(unique, np.cumsum(count) - count, count, np.concatenate([np.zeros((0, 4, 4)), *blocks]), axis)
+
+    def rows(self, obj_id: IntArray) -> IntArray:
+        """Row of each class in the table."""
+        return np.searchsorted(self.obj_ids, obj_id)
+
+
+def axis_twist(axis: Axis) -> FloatArray:
+    """(6,) twist whose exponential, times an angle, is the rotation about the axis."""
+    return np.concatenate((axis.direction, np.cross(axis.offset, axis.direction)))
+
+
+def closest_turn(rotation: FloatArray, direction: FloatArray) -> FloatArray:
+    """Angle a for which rotation @ exp(a * direction) is closest to the identity; 0 where the direction is zero.
+
+    trace(R exp(a n)) = cos a (tr R - n'Rn) - 2 sin a (n . vee R) + n'Rn.
+
+    Args:
+        rotation: (..., 3, 3).
+        direction: (..., 3) unit vectors or zeros.
+    """
+    along = np.einsum("...i,...ij,...j->...", direction, rotation, direction)
+    trace = np.trace(rotation, axis1=-2, axis2=-1)
+    has_axis = np.any(direction != 0, axis=-1)
+    angle = np.arctan2(-2 * np.sum(direction * so3.vee(rotation), axis=-1), trace - along)
+    return np.where(has_axis, angle, 0.0)

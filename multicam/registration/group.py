@@ -1,0 +1,72 @@
+"""The input of one registration, prepared."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from multicam.dataset.objects import Catalogue
+from multicam.matching.observations import PosedObjects, observe
+from multicam.matching.symmetry import SymmetryTable
+from multicam.registration.config import RegistrationConfig
+from multicam.types import FloatArray, ObjectEstimate, View
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """Views, their estimates as arrays, and how to treat them.
+
+    Attributes:
+        views: in ascending order of their names, so that the answer does not depend on the order given.
+        estimates: of all views; their frame is the position of the view.
+    """
+
+    views: tuple[View, ...]
+    estimates: PosedObjects
+    symmetries: SymmetryTable
+    catalogue: Catalogue
+    config: RegistrationConfig
+
+    @classmethod
+    def of(cls, views: Sequence[View], catalogue: Catalogue, config: RegistrationConfig) -> Group:
+        """Prepares views.
+
+        Raises:
+            DataError: an estimate of an unknown class.
+            ValueError: two views of one name.
+        """
+        ordered = tuple(sorted(views, key=lambda view: view.view_id))
+        if len({view.view_id for view in ordered}) < len(ordered):
+            raise ValueError(f"each view needs a name of its own; got {[view.view_id for view in ordered]}")
+        estimates = observe(ordered, catalogue, config.noise)
+        return cls(ordered, estimates, SymmetryTable.of(catalogue, estimates.obj_id), catalogue, config)
+
+    def of_views(self, views: set[int]) -> PosedObjects:
+        """The estimates of some views."""
+        return self.estimates[np.isin(self.estimates.frame, list(views))]
+
+    def source(self, estimate: int) -> tuple[View, int]:
+        """The view of an estimate and its position there."""
+        frame = int(self.estimates.frame[estimate])
+        return self.views[frame], estimate - int(np.searchsorted(self.estimates.frame, frame))
+
+    def keypoints(self, estimate: int) -> Keypoints | None:
+        """What the detector saw of an estimate, if that and the camera are known and the object has no free turn."""
+        view, index = self.source(estimate)
+        detail: ObjectEstimate = view.estimates[index]
+        model = self.catalogue[detail.obj_id]
+        if detail.detection is None or view.camera_matrix is None or model.keypoints is None or model.symmetries.axes:
+            return None
+        return Keypoints(model.keypoints, detail.detection.keypoints, detail.detection.std, view.camera_matrix)
+
+
+@dataclass(frozen=True, eq=False)
+class Keypoints:
+    """Keypoints of one estimate: object frame (k, 3), pixels (k, 2), their std (k, 2), and the camera matrix."""
+
+    points: FloatArray
+    pixels: FloatArray
+    std: FloatArray
+    camera_matrix: FloatArray

@@ -1,0 +1,97 @@
+"""Relative poses between views, and between a view and the map of objects, with what speaks against them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import Enum, auto
+
+import numpy as np
+
+from multicam.geometry import se3
+from multicam.matching.arrays import BoolArray
+from multicam.matching.consensus import find_consensus
+from multicam.matching.hypotheses import measure, propose
+from multicam.matching.linear import congruent, total_std
+from multicam.matching.observations import PosedObjects
+from multicam.registration.config import PlacementConfig
+from multicam.registration.group import Group
+from multicam.types import FloatArray
+
+FREE_TURN = 0.35
+"""Root mean square error of an attitude, radians, from which its linear covariance means nothing: a turn is free."""
+
+MAP = -1
+"""Stands for the map of fused objects where the index of a view is expected."""
+
+
+class Doubt(Enum):
+    """Why a relative pose is not believed."""
+
+    CHANCE = auto()
+    RIVAL = auto()
+    LOOSE = auto()
+
+
+@dataclass(frozen=True, eq=False)
+class Link:
+    """The best relative pose of two frames.
+
+    Attributes:
+        reference, query: views, or MAP.
+        pose: (4, 4) reference_from_query.
+        covariance: (6, 6) of its right perturbation.
+        log_odds: log odds against chance and the second best pose.
+        support: number of objects that agree.
+        doubt: why it is not believed, or None.
+    """
+
+    reference: int
+    query: int
+    pose: FloatArray
+    covariance: FloatArray
+    log_odds: float
+    support: int
+    doubt: Doubt | None
+
+    def reversed(self) -> Link:
+        """The same link seen from the other side."""
+        return Link(
+            self.query, self.reference, se3.inverse(self.pose), congruent(se3.adjoint(self.pose), self.covariance),
+            self.log_odds, self.support, self.doubt,
+        )  # fmt: skip
+
+
+def links_between_views(group: Group) -> list[Link]:
+    """One link for each pair of views that hold estimates of a common class."""
+    estimates = group.estimates
+    return _find(group, estimates, estimates, estimates.frame[:, None] < estimates.frame[None, :])
+
+
+def links_to_map(group: Group, fused: PosedObjects, views: set[int]) -> list[Link]:
+    """One link from the map to each of the views that holds an estimate of a class of the map."""
+    estimates = group.of_views(views)
+    in_map = replace(fused, frame=np.full_like(fused.frame, MAP))
+    return _find(group, in_map, estimates, np.ones((len(fused), len(estimates)), dtype=np.bool_))
+
+
+def _find(group: Group, reference: PosedObjects, query: PosedObjects, allowed: BoolArray) -> list[Link]:
+    measurements = measure(reference, query, allowed, group.symmetries)
+    found = find_consensus(measurements, propose(measurements, reference, query), group.config.consensus)
+    log_odds, rotation_std = found.log_odds, total_std(found.covariance[:, :3, :3])
+    return [
+        Link(
+            int(found.frames[i, 0]), int(found.frames[i, 1]), found.pose[i], found.covariance[i],
+            float(log_odds[i]), int(found.support[i]),
+            _doubt(float(found.evidence[i]), float(log_odds[i]), float(rotation_std[i]), group.config.placement),
+        )
+        for i in range(len(found.frames))
+    ]  # fmt: skip
+
+
+def _doubt(evidence: float, log_odds: float, rotation_std: float, config: PlacementConfig) -> Doubt | None:
+    if evidence < config.min_log_odds:
+        return Doubt.CHANCE
+    # A free turn is a family of poses, which would look like many rivals.
+    if rotation_std > FREE_TURN:
+        return Doubt.LOOSE
+    return Doubt.RIVAL if log_odds < config.min_log_odds else None

@@ -1,0 +1,105 @@
+"""Placed cameras and the objects they share, refined together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from multicam.bundle.factor import EdgeFactor
+from multicam.bundle.levenberg import LevenbergConfig, minimize
+from multicam.bundle.problem import Problem, State
+from multicam.geometry import se3
+from multicam.matching.assignment import Tracks, associate
+from multicam.registration.edges import Edges, keypoint_factors, pose_factor, reachable, shared_edges
+from multicam.registration.group import Group
+from multicam.registration.placement import Placement
+from multicam.types import FloatArray
+
+ROUNDS = 3
+"""How often identities are revised with the refined cameras; they settle after one or two."""
+
+
+@dataclass(frozen=True, eq=False)
+class Refinement:
+    """Cameras and objects after a joint refinement.
+
+    Attributes:
+        placement: refined poses; covariances relative to the world camera.
+        tracks: which estimates are one object.
+        edges: those that tie cameras together.
+        factors: what was minimised.
+        world_from_object: (o, 4, 4) of the shared objects.
+        object_covariance: (o, 6, 6).
+    """
+
+    placement: Placement
+    tracks: Tracks
+    edges: Edges
+    factors: tuple[EdgeFactor, ...]
+    world_from_object: FloatArray
+    object_covariance: FloatArray
+
+
+def refine(group: Group, placement: Placement) -> Refinement:
+    """Identifies objects and minimises over all poses, until the identities stay.
+
+    Cameras that do not hang together with the first one over shared objects are dropped.
+    """
+    refinement = None
+    for _ in range(ROUNDS):
+        placement, tracks, edges = _identify(group, placement)
+        if refinement is not None and tracks.same_identities(refinement.tracks):
+            return replace(refinement, tracks=tracks)
+        factors, shared = (pose_factor(group, tracks, edges),), tracks.fused[edges.shared]
+        start = Refinement(placement, tracks, edges, factors, shared.frame_from_object, shared.covariance)
+        refinement = _minimize(start, group.config.solver)
+        placement = refinement.placement
+    assert refinement is not None
+    return refinement
+
+
+def sharpen(group: Group, refinement: Refinement) -> Refinement:
+    """Minimises once more with the keypoints behind the estimates, where there are any."""
+    factors = keypoint_factors(group, refinement.tracks, refinement.edges)
+    if not factors:
+        return refinement
+    return _minimize(replace(refinement, factors=factors), group.config.solver)
+
+
+def seen_from(refinement: Refinement, camera: int) -> Refinement:
+    """The same answer with another camera (position in the placement) as the world."""
+    change = se3.inverse(refinement.placement.world_from_camera[camera])
+    state = State(change @ refinement.placement.world_from_camera, change @ refinement.world_from_object)
+    return _conclude(refinement, state, world=camera)
+
+
+def _identify(group: Group, placement: Placement) -> tuple[Placement, Tracks, Edges]:
+    while True:
+        tracks = associate(
+            group.estimates, placement.views, placement.world_from_camera, placement.covariance,
+            group.symmetries, group.config.consensus.likelihood,
+        )  # fmt: skip
+        edges = shared_edges(group, tracks, placement.views)
+        connected = reachable(edges, len(placement.views))
+        if np.all(connected):
+            return placement, tracks, edges
+        placement = placement.only(connected)
+
+
+def _minimize(refinement: Refinement, config: LevenbergConfig) -> Refinement:
+    """Moves the poses of a refinement to the minimum of its factors; the first camera is the world."""
+    cameras = len(refinement.placement.views)
+    start = State(refinement.placement.world_from_camera, refinement.world_from_object)
+    minimum = minimize(Problem(refinement.factors, np.arange(cameras) == 0), start, config)
+    return _conclude(refinement, minimum.state, world=0)
+
+
+def _conclude(refinement: Refinement, state: State, world: int) -> Refinement:
+    """The refinement at another state, with covariances relative to the camera `world`."""
+    problem = Problem(refinement.factors, np.arange(len(state.world_from_camera)) == world)
+    cameras, objects = problem.covariances(state, problem.noise_scale(state))
+    placement = replace(refinement.placement, world_from_camera=state.world_from_camera, covariance=cameras)
+    return replace(
+        refinement, placement=placement, world_from_object=state.world_from_object, object_covariance=objects
+    )

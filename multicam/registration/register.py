@@ -1,0 +1,92 @@
+"""From views with object estimates to cameras and objects in common worlds, or a reason."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from multicam.dataset.objects import Catalogue
+from multicam.matching.linear import total_std
+from multicam.registration.answer import component_of
+from multicam.registration.config import RegistrationConfig
+from multicam.registration.group import Group
+from multicam.registration.links import Link, links_between_views, links_to_map
+from multicam.registration.placement import seed, spread
+from multicam.registration.refinement import Refinement, refine, seen_from, sharpen
+from multicam.registration.refusal import explain, explain_imprecise
+from multicam.types import Component, Registration, View
+
+
+def register_views(views: Sequence[View], catalogue: Catalogue, config: RegistrationConfig) -> Registration:
+    """Places the cameras of views, taken at one time, by the objects they see.
+
+    Each component has the frame of its first camera (in the order of `views`) as its world, and its covariances are
+    relative to that camera. A view whose pose is not probable or not precise enough is refused with a reason, and so is
+    a view alone. The answer does not depend on the order of the views.
+
+    Args:
+        views: what each camera saw; keypoints of detections must be free of lens distortion.
+
+    Raises:
+        DataError: an estimate of a class that the catalogue does not hold.
+        ValueError: two views of one name.
+    """
+    group = Group.of(views, catalogue, config)
+    between = links_between_views(group)
+    tried, refusals = list(between), dict[int, str]()
+    unplaced = set(range(len(group.views)))
+    components: list[Component] = []
+    for link in sorted((k for k in between if k.doubt is None), key=lambda k: -k.log_odds):
+        if not {link.reference, link.query} <= unplaced:
+            continue
+        found = _grow(group, link, between, unplaced, tried)
+        found = _without_imprecise(group, found, refusals)
+        placed = set(found.placement.views.tolist())
+        if len(placed) == 1:
+            refusals.update(dict.fromkeys(placed, "the other view that it fits is not known precisely enough"))
+            continue
+        unplaced -= placed
+        components.append(_finish(group, found, views))
+    for view in sorted(unplaced):
+        refusals.setdefault(view, explain(group, view, tried))
+    return Registration(tuple(components), {group.views[v].view_id: refusals[v] for v in sorted(unplaced)})
+
+
+def _grow(group: Group, link: Link, between: list[Link], unplaced: set[int], tried: list[Link]) -> Refinement:
+    """A component from its first link: views over believed links, then views that fit the map of all objects."""
+    placement = spread(seed(link), between, unplaced)
+    attempted = set(placement.views.tolist())
+    refinement = refine(group, placement)
+    while rest := unplaced - attempted:
+        to_map = links_to_map(group, refinement.tracks.fused, rest)
+        tried += to_map
+        placement = spread(refinement.placement, between + to_map, rest)
+        if len(placement.views) == len(refinement.placement.views):
+            break
+        attempted |= set(placement.views.tolist())
+        refinement = refine(group, placement)
+    return refinement
+
+
+def _without_imprecise(group: Group, found: Refinement, refusals: dict[int, str]) -> Refinement:
+    """Sharpens, and drops the least certain camera until all are certain enough; the reasons go to `refusals`."""
+    limits = group.config.placement
+    while True:
+        found = sharpen(group, found)
+        rotation_std = total_std(found.placement.covariance[:, :3, :3])
+        position_std = total_std(found.placement.covariance[:, 3:, 3:])
+        excess = np.maximum(rotation_std / limits.max_rotation_std, position_std / limits.max_position_std)
+        worst = int(np.argmax(excess))
+        if excess[worst] <= 1:
+            return found
+        view = int(found.placement.views[worst])
+        refusals[view] = explain_imprecise(float(rotation_std[worst]), float(position_std[worst]))
+        found = refine(group, found.placement.only(found.placement.views != view))
+
+
+def _finish(group: Group, found: Refinement, views: Sequence[View]) -> Component:
+    """The component as seen from the first of its cameras in the caller's order."""
+    order = {view.view_id: n for n, view in enumerate(views)}
+    given = np.array([order[group.views[v].view_id] for v in found.placement.views.tolist()])
+    return component_of(group, seen_from(found, int(np.argmin(given))), np.argsort(given))

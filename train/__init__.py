@@ -1,0 +1,1 @@
+"""Training: BOP data in, checkpoints out."""

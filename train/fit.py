@@ -1,0 +1,222 @@
+"""The training loop: epochs of steps, validation, checkpoints, resuming."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import torch
+from torch import Tensor, nn
+from torch.nn.parallel import DistributedDataParallel
+
+from models.detector import Detector, count_parameters
+from multicam.config import save_config
+from multicam.dataset.objects import Catalogue, load_catalogue
+from multicam.errors import DataError, MulticamError
+from multicam.progress import Progress, SilentProgress
+from train.board import Board
+from train.checkpoint import RunState, find_checkpoint, restore, save_checkpoint
+from train.config import StageConfig, TrainConfig
+from train.criterion import criterion, total
+from train.distributed import Group, StopSignal, process_group
+from train.loader import Batch, EpochSampler, TrainingSet, ValidationSet, training_loader
+from train.optimizer import MovingAverage, build_optimizer, learning_rate
+from train.samples import PictureStore, TrainedObject, prepare_objects, read_records
+from train.validate import figures, is_better, predict
+
+_LOG_EVERY = 20
+"""Steps between points in TensorBoard."""
+
+log = logging.getLogger(__name__)
+
+
+def fit(config: TrainConfig, progress: Progress | None = None) -> RunState:
+    """Trains, or continues from `output/last` if so configured; the run's folder holds config.yaml, last/, best/ and tensorboard/.
+
+    Raises:
+        MulticamError: unusable data, a run that is there already, a loss that is no longer finite.
+        KeyboardInterrupt: the run was told to stop (Ctrl-C, SIGTERM); it has saved itself.
+    """
+    last = find_checkpoint(config.output / "last")
+    if last and not config.resume:
+        raise DataError(f"{last} exists; add --resume to continue that run, or choose another output folder.")
+    with process_group(config.device) as group, StopSignal().watching() as stop:
+        if config.threads:
+            torch.set_num_threads(config.threads)
+        run = Run(config, group, progress if progress and group.leads else SilentProgress())
+        if last:
+            run.resume(last)
+        return run.train(stop)
+
+
+class Learner(nn.Module):
+    """Network and losses in one module, so that every parameter is used inside the wrapped forward."""
+
+    def __init__(self, detector: Detector, config: TrainConfig) -> None:
+        super().__init__()
+        self.detector, self.config = detector, config
+
+    def forward(self, batch: Batch, stage: StageConfig) -> dict[str, Tensor]:
+        """Unweighted losses of a batch."""
+        images = batch.images.float().contiguous(memory_format=torch.channels_last)
+        with torch.autocast(images.device.type, torch.bfloat16, enabled=self.config.precision == "bf16"):
+            raw = self.detector(images)
+        return criterion(self.detector, raw, batch, self.config, stage)
+
+
+class Run:
+    """All that changes during a run."""
+
+    def __init__(self, config: TrainConfig, group: Group, progress: Progress) -> None:
+        self.config, self.group, self.progress = config, group, progress
+        self.catalogue = load_catalogue(config.data.models)
+        self.model_config = config.network.model_config(self.catalogue)
+        torch.manual_seed(config.seed)
+        self.detector = Detector(self.model_config).to(group.device, memory_format=torch.channels_last)
+        self.average = MovingAverage(self.detector, config.ema_decay)
+        self.optimizer = build_optimizer(self.detector, config.weight_decay)
+        self.dataset, self.validation, self.objects = _datasets(config, self.catalogue, progress)
+        self.sampler = EpochSampler(
+            len(self.dataset), config.batch_size, config.seed, group.rank, group.processes
+        )
+        self.state = RunState(0, 0, config.network.input_width, config.network.input_height)
+
+    def resume(self, folder: Path) -> None:
+        """Continues from a checkpoint."""
+        self.state = restore(folder, self.detector, self.average, self.optimizer)
+        log.info("continuing at epoch %d, step %d", self.state.epoch, self.state.step)
+
+    def train(self, stop: StopSignal) -> RunState:
+        """Runs all epochs that remain."""
+        config = self.config
+        if self.group.leads:
+            save_config(config, config.output / "config.yaml")
+            log.info(
+                "%s network, %.2f M parameters; %d pictures, %d steps an epoch, %d epochs",
+                config.network.size,
+                count_parameters(self.detector) / 1e6,
+                len(self.dataset),
+                len(self.sampler),
+                config.stages.epochs,
+            )
+        step = self.state.epoch * len(self.sampler) + self.state.step
+        self.board = Board(config.output / "tensorboard", step) if self.group.leads else None
+        learner: nn.Module = Learner(self.detector, config)
+        if self.group.processes > 1:
+            learner = DistributedDataParallel(learner)
+        for epoch in range(self.state.epoch, config.stages.epochs):
+            self._epoch(learner, epoch, stop)
+        if self.board:
+            self.board.close()
+        return self.state
+
+    def _epoch(self, learner: nn.Module, epoch: int, stop: StopSignal) -> None:
+        stage, _ = self.config.stages.at(epoch)
+        self.sampler.set_epoch(epoch, self.state.step, stage.warp)
+        self.detector.train()
+        loader = training_loader(self.dataset, self.sampler, self.config.workers)
+        started, first = time.monotonic(), self.state.step
+        batches = self.progress.track(loader, f"epoch {epoch + 1}", total=len(self.sampler) - first)
+        losses: dict[str, float] = {}
+        for step, batch in enumerate(batches, start=first):
+            number = epoch * len(self.sampler) + step
+            tensors = self._step(learner, batch.to(self.group.device), stage, number)
+            if number % _LOG_EVERY == 0:
+                losses = {name: float(value.detach()) for name, value in tensors.items()}
+                self._log_step(losses, number)
+            self._moved(epoch, step + 1)
+            if self.group.any(stop.given):
+                self._save("last")
+                log.info("stopped at epoch %d, step %d; --resume continues there", epoch + 1, step + 1)
+                raise KeyboardInterrupt
+        rate = (len(self.sampler) - first) * self.config.batch_size * self.group.processes
+        self._moved(epoch + 1, 0)
+        self._finish_epoch(epoch, rate / (time.monotonic() - started), losses)
+
+    def _step(self, learner: nn.Module, batch: Batch, stage: StageConfig, number: int) -> dict[str, Tensor]:
+        rate = learning_rate(self.config.stages, len(self.sampler), self.config.warmup_steps, number)
+        for parameters in self.optimizer.param_groups:
+            parameters["lr"] = rate
+        losses = learner(batch, stage)
+        loss = total(losses, stage)
+        if not torch.isfinite(loss):
+            values = ", ".join(f"{name} {float(value.detach()):.3g}" for name, value in losses.items())
+            raise MulticamError(
+                f"the loss is no longer finite at step {number} ({values}); halve the learning rates "
+                "or set precision to fp32, and resume from the last checkpoint."
+            )
+        self.optimizer.zero_grad(set_to_none=True)
+        loss.backward()
+        nn.utils.clip_grad_norm_(self.detector.parameters(), self.config.gradient_clip)
+        self.optimizer.step()
+        self.average.update(self.detector)
+        return losses | {"total": loss, "learning_rate": torch.tensor(rate)}
+
+    def _finish_epoch(self, epoch: int, pictures_per_second: float, losses: dict[str, float]) -> None:
+        config = self.config
+        due = (epoch + 1) % config.validate_every == 0 or epoch + 1 == config.stages.epochs
+        if self.group.leads:
+            text = " ".join(f"{name} {value:.3f}" for name, value in losses.items() if name != "learning_rate")
+            log.info("epoch %d: %.1f pictures/s, %s", epoch + 1, pictures_per_second, text)
+            improved = due and len(self.validation) > 0 and self._validate(epoch)
+            self._save("last")
+            if improved or not len(self.validation):
+                self._save("best")
+        self.group.wait()
+
+    def _validate(self, epoch: int) -> bool:
+        """Measures the averaged weights; whether they are the best so far."""
+        indices = _spread(len(self.validation), self.config.data.validation_limit)
+        average = self.average.model
+        predictions = predict(average, self.validation, self.config.batch_size, self.progress, indices)
+        metrics = figures(predictions, self.objects)
+        better = is_better(metrics, self.state.best)
+        best = metrics if better else self.state.best
+        self.state = RunState(**{**vars(self.state), "metrics": metrics, "best": best})
+        log.info("epoch %d: %s", epoch + 1, " ".join(f"{k} {v:.3f}" for k, v in metrics.items()))
+        if self.board:
+            step = (epoch + 1) * len(self.sampler)
+            self.board.scalars("validation", metrics, step)
+            self.board.pictures(predictions, self.objects, step)
+        return better
+
+    def _log_step(self, losses: dict[str, float], number: int) -> None:
+        if self.board:
+            self.board.scalars("train", losses, number)
+
+    def _moved(self, epoch: int, step: int) -> None:
+        self.state = RunState(
+            **{**vars(self.state), "epoch": epoch, "step": step, "ema_updates": self.average.updates}
+        )
+
+    def _save(self, name: str) -> None:
+        if self.group.leads:
+            save_checkpoint(
+                self.config.output / name,
+                self.detector,
+                self.average,
+                self.optimizer,
+                self.model_config,
+                self.catalogue,
+                self.state,
+            )
+
+
+def _datasets(
+    config: TrainConfig, catalogue: Catalogue, progress: Progress
+) -> tuple[TrainingSet, ValidationSet, Sequence[TrainedObject]]:
+    records = read_records(config.data.train)
+    held_out = read_records(config.data.validation)
+    objects = prepare_objects(catalogue, [*records, *held_out])
+    network, minimum = config.network, config.minimum_visible
+    store = PictureStore(records, config.data.cache, progress)
+    train = TrainingSet(store, objects, network, config.augment, minimum, config.seed)
+    validation = ValidationSet(PictureStore(held_out, False, progress), objects, network, minimum)
+    return train, validation, tuple(objects.values())
+
+
+def _spread(count: int, limit: int) -> list[int]:
+    """At most `limit` indices, evenly over `count`."""
+    return [i * count // limit for i in range(limit)] if count > limit else list(range(count))

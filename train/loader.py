@@ -1,0 +1,180 @@
+"""Batches in an order, and with an augmentation, that depend on seed, epoch and index alone."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+from torch.utils.data import DataLoader, Dataset, Sampler
+
+from multicam.types import ImageArray
+from train.augment import Photometry, cutout, letterboxed, mosaic, warped
+from train.background import Backgrounds
+from train.config import AugmentConfig, NetworkConfig
+from train.samples import Labels, Picture, PictureStore, TrainedObject, make_labels
+
+
+class Batch(NamedTuple):
+    """Pictures and their labels, padded to the most instances G of the batch.
+
+    Attributes:
+        images: (B, 3, H, W) uint8.
+        classes: (B, G) int64; boxes: (B, G, 4); keypoints: (B, G, K, 2) pixels.
+        visible: (B, G, K) 0 or 1.
+        points: (B, G, K, 3) metres; cameras: (B, G, 3, 3); diameters: (B, G) metres.
+        learnt: (B, G) bool, instances to learn; ignored: (B, G) bool, instances that are no background either.
+    """
+
+    images: Tensor
+    classes: Tensor
+    boxes: Tensor
+    keypoints: Tensor
+    visible: Tensor
+    points: Tensor
+    cameras: Tensor
+    diameters: Tensor
+    learnt: Tensor
+    ignored: Tensor
+
+    def to(self, device: torch.device) -> Batch:
+        """The batch on a device."""
+        return Batch(*(t.to(device, non_blocking=True) for t in self))
+
+
+Place = tuple[int, int, bool]
+"""Epoch, index of the picture, whether to warp."""
+
+
+class TrainingSet(Dataset[tuple[ImageArray, Labels]]):
+    """Augmented pictures; the item (epoch, index, warp) is always the same."""
+
+    def __init__(
+        self,
+        store: PictureStore,
+        objects: dict[int, TrainedObject],
+        network: NetworkConfig,
+        augment: AugmentConfig,
+        minimum_visible: float,
+        seed: int,
+    ) -> None:
+        self.store, self.augment, self.seed = store, augment, seed
+        self.size = network.input_width, network.input_height
+        self.label = partial(_label, objects, minimum_visible)
+        self.photometry = Photometry(augment)
+        self.backgrounds = Backgrounds(augment) if augment.backgrounds else None
+
+    def __len__(self) -> int:
+        return len(self.store)
+
+    def __getitem__(self, place: Place) -> tuple[ImageArray, Labels]:
+        epoch, index, warp = place
+        rng = np.random.default_rng((self.seed, epoch, index))
+        picture = self._picture(index, rng)
+        if warp and rng.uniform() < self.augment.mosaic:
+            others = [self._picture(int(i), rng) for i in rng.integers(len(self.store), size=3)]
+            image, labels = mosaic([picture, *others], *self.size, self.augment, rng, self.label)
+        elif warp:
+            image, labels = warped(picture, *self.size, self.augment, rng, self.label)
+        else:
+            image, labels = letterboxed(picture, *self.size, self.label)
+        if warp and rng.uniform() < self.augment.cutout:
+            donor = self.store[int(rng.integers(len(self.store)))].image
+            image, labels = cutout(image, labels, donor, rng)
+        return self.photometry(image, rng), labels
+
+    def _picture(self, index: int, rng: np.random.Generator) -> Picture:
+        picture = self.store[index]
+        return self.backgrounds.behind(picture, rng) if self.backgrounds else picture
+
+
+class ValidationSet(Dataset[tuple[ImageArray, Labels]]):
+    """Pictures as the runtime sees them."""
+
+    def __init__(
+        self,
+        store: PictureStore,
+        objects: dict[int, TrainedObject],
+        network: NetworkConfig,
+        minimum_visible: float,
+    ) -> None:
+        self.store = store
+        self.size = network.input_width, network.input_height
+        self.label = partial(_label, objects, minimum_visible)
+
+    def __len__(self) -> int:
+        return len(self.store)
+
+    def __getitem__(self, index: int) -> tuple[ImageArray, Labels]:
+        return letterboxed(self.store[index], *self.size, self.label)
+
+
+class EpochSampler(Sampler[list[Place]]):
+    """Batches of one epoch for one process; every process of a step together takes one run of the shuffled order."""
+
+    def __init__(self, count: int, batch_size: int, seed: int, rank: int = 0, processes: int = 1) -> None:
+        self.count, self.batch_size, self.seed = count, batch_size, seed
+        self.rank, self.processes = rank, processes
+        self._epoch, self._first, self._warp = 0, 0, True
+
+    def set_epoch(self, epoch: int, first_step: int, warp: bool) -> None:
+        """Chooses what the next iteration yields: an epoch from a step on."""
+        self._epoch, self._first, self._warp = epoch, first_step, warp
+
+    def __len__(self) -> int:
+        """Steps of a whole epoch; a last, smaller step is kept only when it is the only one."""
+        return max(self.count // (self.batch_size * self.processes), 1)
+
+    def __iter__(self) -> Iterator[list[Place]]:
+        order = np.random.default_rng((self.seed, self._epoch)).permutation(self.count)
+        each = self.batch_size * self.processes
+        for step in range(self._first, len(self)):
+            mine = order[step * each : (step + 1) * each][self.rank :: self.processes]
+            yield [(self._epoch, int(index), self._warp) for index in mine]
+
+
+def training_loader(dataset: TrainingSet, sampler: EpochSampler, workers: int) -> DataLoader[Batch]:
+    """Batches of the epoch that the sampler is set to."""
+    return DataLoader(dataset, batch_sampler=sampler, num_workers=workers, collate_fn=collate)
+
+
+def validation_loader(dataset: ValidationSet, batch_size: int) -> DataLoader[Batch]:
+    """Batches in order, loaded in this process."""
+    return DataLoader(dataset, batch_size=batch_size, collate_fn=collate)
+
+
+def collate(samples: Sequence[tuple[ImageArray, Labels]]) -> Batch:
+    """Pads the labels of several pictures to the same number of instances."""
+    images = torch.from_numpy(np.stack([image for image, _ in samples])).permute(0, 3, 1, 2)
+    labels = [label for _, label in samples]
+    most = max(1, max(len(label.classes) for label in labels))
+
+    def padded(arrays: list[NDArray[np.generic]], dtype: torch.dtype) -> Tensor:
+        out = torch.zeros((len(arrays), most, *arrays[0].shape[1:]), dtype=dtype)
+        for row, array in zip(out, arrays, strict=True):
+            row[: len(array)] = torch.from_numpy(array)
+        return out
+
+    cameras = padded([label.cameras for label in labels], torch.float32)
+    # Padding must stay invertible.
+    cameras[(cameras == 0).all(dim=(2, 3))] = torch.eye(3)
+    return Batch(
+        images,
+        padded([label.classes for label in labels], torch.int64),
+        padded([label.boxes for label in labels], torch.float32),
+        padded([label.keypoints for label in labels], torch.float32),
+        padded([label.visible for label in labels], torch.float32),
+        padded([label.points for label in labels], torch.float32),
+        cameras,
+        padded([label.diameters for label in labels], torch.float32),
+        padded([~label.ignored for label in labels], torch.bool),
+        padded([label.ignored for label in labels], torch.bool),
+    )
+
+
+def _label(objects: dict[int, TrainedObject], minimum_visible: float, picture: Picture, affine, region) -> Labels:  # noqa: ANN001
+    return make_labels(picture, objects, affine, region, minimum_visible)
