@@ -98,6 +98,26 @@ def read_scene(folder: Path) -> list[ImageRecord]:
     return records
 
 
+def read_camera_matrices(folder: Path) -> dict[int, FloatArray]:
+    """Camera matrices (3, 3) of a scene's images by their numbers; images without one are left out.
+
+    Reads scene_camera.json and nothing else: work that must not see ground truth uses this.
+
+    Raises:
+        DataError: missing or malformed file; the sentence names file and image.
+    """
+    path = folder / "scene_camera.json"
+    matrices: dict[int, FloatArray] = {}
+    for key, camera in _read_table(path).items():
+        try:
+            matrix = _camera_matrix(camera)
+        except (ValueError, TypeError) as error:
+            raise DataError(f"{path}: image {key}: {error}.") from error
+        if matrix is not None:
+            matrices[int(key)] = matrix
+    return matrices
+
+
 def read_image(path: Path) -> ImageArray:
     """Reads an image as (h, w, 3) uint8 RGB.
 
@@ -143,16 +163,14 @@ def _decode(path: Path, flags: int) -> NDArray[Any]:
 
 
 def _is_complete(data: bytes) -> bool:
-    """Decoders fill the missing end of a truncated JPEG or PNG with grey; its closing marker tells."""
-    if data.startswith(b"\xff\xd8"):
-        # The header may hold a thumbnail with an end marker of its own, so it is skipped up to the start of scan.
-        position = 2
-        while data[position : position + 1] == b"\xff" and data[position + 1 : position + 2] != b"\xda":
-            position += 2 + int.from_bytes(data[position + 2 : position + 4], "big")
-        return b"\xff\xd9" in data[position:]
-    if data.startswith(b"\x89PNG"):
-        return b"IEND\xaeB`\x82" in data
-    return len(data) > 0
+    """OpenCV before 4.11 fills the missing end of a truncated JPEG with grey; its closing marker tells."""
+    if not data.startswith(b"\xff\xd8"):
+        return len(data) > 0
+    # The header may hold a thumbnail with an end marker of its own, so it is skipped up to the start of scan.
+    position = 2
+    while data[position : position + 1] == b"\xff" and data[position + 1 : position + 2] != b"\xda":
+        position += 2 + int.from_bytes(data[position + 2 : position + 4], "big")
+    return b"\xff\xd9" in data[position:]
 
 
 def _camera_matrix(camera: dict[str, Any]) -> FloatArray | None:

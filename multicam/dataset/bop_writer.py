@@ -114,7 +114,6 @@ class SceneWriter:
 def write_models(folder: Path, catalogue: Catalogue, meshes: dict[int, Mesh]) -> None:
     """Writes PLY files (mm), keypoints.json (mm) and, last, models_info.json of a BOP models folder."""
     info: dict[str, Any] = {}
-    keypoints: dict[str, Any] = {}
     for obj_id, mesh in meshes.items():
         model = catalogue[obj_id]
         save_ply(mesh, folder / f"obj_{obj_id:06d}.ply", 1 / MILLIMETRE)
@@ -132,10 +131,14 @@ def write_models(folder: Path, catalogue: Catalogue, meshes: dict[int, Mesh]) ->
                 for a in model.symmetries.axes
             ]
         info[str(obj_id)] = row
-        if model.keypoints is not None:
-            keypoints[str(obj_id)] = (model.keypoints / MILLIMETRE).tolist()
-    write_json(folder / "keypoints.json", keypoints, indent=1)
+    keypoints = {o: model.keypoints for o in meshes if (model := catalogue[o]).keypoints is not None}
+    write_json(folder / "keypoints.json", keypoint_table(keypoints), indent=1)
     write_json(folder / "models_info.json", info, indent=1)
+
+
+def keypoint_table(keypoints: dict[int, FloatArray]) -> dict[str, Any]:
+    """Content of keypoints.json: class id to (K, 3) points, metres in, millimetres out."""
+    return {str(obj_id): (points / MILLIMETRE).tolist() for obj_id, points in keypoints.items()}
 
 
 def pose_row(transform: FloatArray, source: str) -> dict[str, Any]:

@@ -156,6 +156,20 @@ def test_a_writer_killed_at_any_write_leaves_no_half_labelled_image(
     assert content(folder) == content(tmp_path / "000002")
 
 
+def test_an_image_that_is_not_written_again_leaves_no_rows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator
+) -> None:
+    writer = SceneWriter(tmp_path / "000001")
+    writer.add(0, labelled_image(rng))
+    with monkeypatch.context() as patch:
+        kill_at(patch, 9)
+        with pytest.raises(Killed):
+            writer.add(1, labelled_image(rng))
+    SceneWriter(tmp_path / "000001").add(2, labelled_image(rng))
+    for name in ("scene_camera", "scene_gt_info", "scene_keypoints", "scene_gt"):
+        assert json.loads((tmp_path / "000001" / f"{name}.json").read_text()).keys() == {"0", "2"}
+
+
 def test_a_kill_before_the_first_commit_leaves_an_empty_start(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator
 ) -> None:

@@ -96,7 +96,7 @@ def test_a_wrong_header_is_refused(tmp_path: Path, content: str) -> None:
 
 def broken_gzip() -> bytes:
     data = bytearray(gzip.compress((HEADER + ROW * 50).encode()))
-    data[len(data) // 2] ^= 0xFF
+    data[10] = 0xFF
     return bytes(data)
 
 

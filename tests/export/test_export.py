@@ -56,6 +56,12 @@ def test_the_file_stands_alone_with_its_configuration_beside_it(exported: Path) 
     onnx.checker.check_model(onnx.load(exported), full_check=True)
 
 
+def test_the_file_does_not_tell_where_it_was_made(exported: Path) -> None:
+    data = exported.read_bytes()
+    assert str(Path(cli.__file__).parents[1]).encode() not in data
+    assert b"site-packages" not in data
+
+
 def test_the_runtime_detects_with_it_in_images_of_any_size(exported: Path, rng: np.random.Generator) -> None:
     images = [rng.integers(0, 256, size, dtype=np.uint8) for size in ((64, 96, 3), (200, 100, 3), (48, 300, 3))]
     found = Network(exported).detect(images, DecodeConfig(score_threshold=0.0, nms_iou=1.0))

@@ -1,0 +1,161 @@
+"""`multicam register`: camera poses of view groups from single-view estimates of objects."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+
+from multicam.commands.view_groups import ViewGroup, prediction, read_groups, write_predictions
+from multicam.config import parse_command, save_config
+from multicam.dataset.bop_reader import read_camera_matrices
+from multicam.dataset.objects import Catalogue, load_catalogue
+from multicam.dataset.results import Estimates, read_results
+from multicam.errors import ConfigError, DataError
+from multicam.files import require_folder
+from multicam.progress import Progress, RichProgress
+from multicam.registration import RegistrationConfig, register_views
+from multicam.types import FloatArray, View
+
+Answer = dict[str, Any]
+Task = tuple[ViewGroup, tuple[View, ...]]
+
+CHUNK = 8
+"""Groups handed to a worker at a time."""
+
+
+@dataclass(frozen=True)
+class RegisterConfig:
+    """What to register, and how."""
+
+    dataset: Path
+    """BOP data set: models_info.json (in the folder or in models/), and camera matrices in SPLIT/*/scene_camera.json."""
+    candidates: Path
+    """Single-view estimates in BOP results format (CSV, or gzipped)."""
+    groups: Path
+    """JSON file with the view groups."""
+    output: Path
+    """JSON file to write; the resolved configuration goes beside it."""
+    split: str = "test"
+    """Split of the data set that the groups are of."""
+    workers: int = 0
+    """Processes to use; 0 for one on each core. The answer is the same for any number."""
+    registration: RegistrationConfig = field(default_factory=RegistrationConfig)
+    """The registration itself."""
+
+    def __post_init__(self) -> None:
+        if self.workers < 0:
+            raise ConfigError(f"--workers must be 0 (one on each core) or more; it is {self.workers}.")
+
+
+def main(argv: list[str]) -> None:
+    """Parses the flags, registers every group, writes the predictions and prints a summary."""
+    config = parse_command(
+        RegisterConfig, argv, "multicam register", "Camera poses of view groups from single-view estimates of objects."
+    )
+    summary = register_groups(config, RichProgress())
+    Console(highlight=False, markup=False, soft_wrap=True).print(f"{summary}\nPredictions: {config.output}")
+
+
+def register_groups(config: RegisterConfig, progress: Progress) -> str:
+    """Registers every group of a file and writes the predictions.
+
+    Returns:
+        What came out, in words.
+
+    Raises:
+        DataError: files missing or malformed, or estimates of a class that the data set does not know.
+    """
+    catalogue = load_catalogue(require_folder(config.dataset, "data set folder"))
+    groups = read_groups(config.groups)
+    estimates = read_results(config.candidates)
+    _refuse_unknown_classes(estimates, catalogue, config.candidates)
+    tasks = _tasks(groups, estimates, config.dataset / config.split)
+    summary = Summary()
+    with _mapper(config.workers or os.cpu_count() or 1) as mapper:
+        answers = mapper(partial(_register, catalogue, config.registration), tasks)
+        tracked = progress.track(answers, "registering view groups", total=len(groups))
+        write_predictions(config.output, summary.counting(tracked))
+    save_config(config, config.output.with_suffix(".config.yaml"))
+    return summary.text()
+
+
+def _refuse_unknown_classes(estimates: Estimates, catalogue: Catalogue, path: Path) -> None:
+    for (scene_id, im_id), found in estimates.items():
+        unknown = sorted({estimate.obj_id for estimate in found if estimate.obj_id not in catalogue})
+        if unknown:
+            known = ", ".join(map(str, catalogue.obj_ids))
+            raise DataError(
+                f"{path} holds an estimate of class {unknown[0]} (scene {scene_id}, image {im_id}), which "
+                f"models_info.json does not name; it names {known}."
+            )
+
+
+def _tasks(groups: Sequence[ViewGroup], estimates: Estimates, split: Path) -> Iterator[Task]:
+    """Each group with its views; an image without estimates is a view that saw nothing."""
+    matrices: dict[int, dict[int, FloatArray]] = {}
+    for group in groups:
+        scene = group.scene_id
+        if scene not in matrices:
+            folder = split / f"{scene:06d}"
+            has_cameras = (folder / "scene_camera.json").is_file()
+            matrices[scene] = read_camera_matrices(folder) if has_cameras else {}
+        yield (
+            group,
+            tuple(
+                View(str(im_id), tuple(estimates.get((scene, im_id), ())), matrices[scene].get(im_id))
+                for im_id in group.im_ids
+            ),
+        )
+
+
+@contextmanager
+def _mapper(workers: int) -> Iterator[Callable[[Callable[[Task], Answer], Iterable[Task]], Iterable[Answer]]]:
+    """An ordered `map`, in this process or over several; the order makes the output the same for any number."""
+    if workers == 1:
+        yield map
+        return
+    with ProcessPoolExecutor(workers) as pool:
+        yield partial(pool.map, chunksize=CHUNK)
+
+
+def _register(catalogue: Catalogue, config: RegistrationConfig, task: Task) -> Answer:
+    group, views = task
+    began = time.perf_counter()
+    registration = register_views(views, catalogue, config)
+    return prediction(group, registration, time.perf_counter() - began)
+
+
+class Summary:
+    """Counts answers as they pass."""
+
+    def __init__(self) -> None:
+        self._views = self._placed = self._groups = 0
+        self._seconds: list[float] = []
+
+    def counting(self, answers: Iterable[Answer]) -> Iterator[Answer]:
+        """Yields the answers unchanged."""
+        for answer in answers:
+            placed = sum(len(component["cameras"]) for component in answer["components"])
+            self._groups += 1
+            self._placed += placed
+            self._views += placed + len(answer["refusals"])
+            self._seconds.append(answer["seconds"])
+            yield answer
+
+    def text(self) -> str:
+        """What came out, in words."""
+        milliseconds = 1000 * np.percentile(self._seconds, [50, 95])
+        return (
+            f"{self._groups} groups answered; {self._placed} of {self._views} views placed, the others refused with a "
+            f"reason; {milliseconds[0]:.1f} ms per group (95 % below {milliseconds[1]:.1f} ms)."
+        )
