@@ -9,6 +9,7 @@ from types import ModuleType
 import pytest
 
 from multicam import cli
+from multicam.commands.table import Subcommand
 from multicam.errors import DataError
 
 
@@ -20,7 +21,7 @@ def fake_command(monkeypatch: pytest.MonkeyPatch):
         module = ModuleType("fake_command")
         module.main = main
         monkeypatch.setitem(sys.modules, "fake_command", module)
-        monkeypatch.setitem(cli.SUBCOMMANDS, "fake", cli.Subcommand("fake_command", "for this test"))
+        monkeypatch.setitem(cli.SUBCOMMANDS, "fake", Subcommand("fake_command", "for this test"))
 
     return register
 
@@ -72,7 +73,7 @@ def test_interrupt_says_that_finished_work_is_kept(fake_command, capsys: pytest.
 def test_missing_package_names_the_extra_that_brings_it(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    module = cli.Subcommand("json.absent_package", "for this test", "train")
+    module = Subcommand("json.absent_package", "for this test", "train")
     monkeypatch.setitem(cli.SUBCOMMANDS, "fake", module)
 
     def refuse(name: str) -> ModuleType:

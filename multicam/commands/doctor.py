@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.table import Table
 
 from multicam import __version__
-from multicam.cli import SUBCOMMANDS
+from multicam.commands.table import SUBCOMMANDS
 from multicam.config import parse_command
 
 RUNTIME = ("numpy", "scipy", "opencv-python-headless", "onnxruntime", "numba", "trimesh", "matplotlib")

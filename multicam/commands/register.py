@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -38,7 +38,7 @@ class RegisterConfig:
     """What to register, and how."""
 
     dataset: Path
-    """BOP data set: models_info.json (in the folder or in models/), and camera matrices in SPLIT/*/scene_camera.json."""
+    """BOP data set: models_info.json (there or in models/), and camera matrices in SPLIT/*/scene_camera.json."""
     candidates: Path
     """Single-view estimates in BOP results format (CSV, or gzipped)."""
     groups: Path
@@ -119,7 +119,7 @@ def _tasks(groups: Sequence[ViewGroup], estimates: Estimates, split: Path) -> It
 
 
 @contextmanager
-def _mapper(workers: int) -> Iterator[Callable[[Callable[[Task], Answer], Iterable[Task]], Iterable[Answer]]]:
+def _mapper(workers: int) -> Generator[Callable[[Callable[[Task], Answer], Iterable[Task]], Iterable[Answer]]]:
     """An ordered `map`, in this process or over several; the order makes the output the same for any number."""
     if workers == 1:
         yield map

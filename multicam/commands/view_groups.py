@@ -47,16 +47,16 @@ def _read_group(path: Path, number: int, row: Any) -> ViewGroup:
     where = f"{path}: entry {number} of its groups"
     if not isinstance(row, dict) or not {"group_id", "scene_id", "im_ids"} <= row.keys():
         raise DataError(f"{where} must be an object with group_id, scene_id and im_ids; it is {json.dumps(row)[:80]}.")
-    numbers = [row["group_id"], row["scene_id"], *(row["im_ids"] if isinstance(row["im_ids"], list) else [None])]
-    if not all(isinstance(value, int) and not isinstance(value, bool) for value in numbers):
+    im_ids = row["im_ids"]
+    if not isinstance(im_ids, list) or not all(type(n) is int for n in (row["group_id"], row["scene_id"], *im_ids)):
         raise DataError(f"{where} must hold whole numbers and im_ids a list of them; it is {json.dumps(row)[:80]}.")
-    group_id, scene_id, *im_ids = numbers
+    group_id = row["group_id"]
     if len(im_ids) < 2:
         count = "no image" if not im_ids else "one image"
         raise DataError(f"group {group_id} in {path} holds {count}; at least two views are needed to relate cameras.")
     if len(set(im_ids)) < len(im_ids):
         raise DataError(f"group {group_id} in {path} names an image twice: {im_ids}.")
-    return ViewGroup(group_id, scene_id, tuple(im_ids))
+    return ViewGroup(group_id, row["scene_id"], tuple(im_ids))
 
 
 def prediction(group: ViewGroup, registration: Registration, seconds: float) -> dict[str, Any]:
