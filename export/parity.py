@@ -4,8 +4,8 @@ Both sort cells by score, and scores that differ only by rounding may change pla
 answers is led back to its cell, and compared with what PyTorch computes for that very cell; the choice of cells is
 compared by its sorted scores.
 
-Single precision bounds what can agree: a keypoint that spreads over many pixels moves with the rounding of its logits in
-proportion to that spread, and a box with its size. Such outputs are compared in units that grow with them.
+Single precision bounds what can agree: a keypoint that spreads over many pixels moves with the rounding of its logits
+in proportion to that spread, and a box with its size. Such outputs are compared in units that grow with them.
 """
 
 from __future__ import annotations

@@ -18,7 +18,16 @@ INTERRUPTED = 130
 
 def main() -> None:
     """Entry point of the console script; ends the process with the exit code."""
-    sys.exit(run(sys.argv[1:]))
+    # Our matrices are tiny: waking BLAS threads for each costs more than the work, 5 ms a call on a busy machine.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    try:
+        code = run(sys.argv[1:])
+        sys.stdout.flush()
+    except BrokenPipeError:
+        # The reader of our output closed it, as `| head` does; silence the interpreter's own complaint at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        code = 0
+    sys.exit(code)
 
 
 def run(argv: list[str]) -> int:
@@ -38,9 +47,6 @@ def run(argv: list[str]) -> int:
     except KeyboardInterrupt:
         print(f"multicam {argv[0]}: interrupted; what was finished is kept.", file=sys.stderr)
         return INTERRUPTED
-    except BrokenPipeError:
-        # The reader of our output closed it, as `| head` does; silence the interpreter's own complaint at exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return 0
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import NamedTuple
@@ -139,12 +140,9 @@ class EpochSampler(Sampler[list[Place]]):
 
 def training_loader(dataset: TrainingSet, sampler: EpochSampler, workers: int) -> DataLoader[Batch]:
     """Batches of the epoch that the sampler is set to."""
-    return DataLoader(dataset, batch_sampler=sampler, num_workers=workers, collate_fn=collate)
-
-
-def validation_loader(dataset: ValidationSet, batch_size: int) -> DataLoader[Batch]:
-    """Batches in order, loaded in this process."""
-    return DataLoader(dataset, batch_size=batch_size, collate_fn=collate)
+    return DataLoader(
+        dataset, batch_sampler=sampler, num_workers=workers, collate_fn=collate, worker_init_fn=_ignore_signals
+    )
 
 
 def collate(samples: Sequence[tuple[ImageArray, Labels]]) -> Batch:
@@ -174,6 +172,12 @@ def collate(samples: Sequence[tuple[ImageArray, Labels]]) -> Batch:
         padded([~label.ignored for label in labels], torch.bool),
         padded([label.ignored for label in labels], torch.bool),
     )
+
+
+def _ignore_signals(worker: int) -> None:
+    """Ctrl-C reaches the whole process group; the training process decides when its loaders end."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
 
 
 def _label(objects: dict[int, TrainedObject], minimum_visible: float, picture: Picture, affine, region) -> Labels:  # noqa: ANN001
