@@ -22,19 +22,23 @@ def steps(root: Path) -> dict[str, list[str]]:
     """The commands, in order; every path lies below `root`."""
     models, recording = str(root / "models"), str(root / "recording")
     network, train, run = str(root / "network.onnx"), root / "train-run", str(root / "run")
+    data = ["--data.train", str(root / "train"), "--data.validation", str(root / "val"), "--data.models", models]
     render = ["datagen", "render", "--models", models, "--output", str(root)]
     return {
         "models": ["datagen", "models", "--output", models],
-        "render": [*render, "--config", "configs/e2e/render.yaml"],
-        "render held-out": [*render, "--config", "configs/e2e/render-val.yaml"],
-        "sequence": ["datagen", "sequence", "--config", "configs/e2e/sequence.yaml", "--models", models]
-        + ["--output", recording],
-        "train": ["train", "--config", "configs/e2e/train.yaml", "--resume", "--output", str(train)]
-        + ["--data.train", str(root / "train"), "--data.validation", str(root / "val"), "--data.models", models],
+        "render": [*render, *config("render")],
+        "render held-out": [*render, *config("render-val")],
+        "sequence": ["datagen", "sequence", *config("sequence"), "--models", models, "--output", recording],
+        "train": ["train", *config("train"), "--resume", "--output", str(train), *data],
         "export": ["export", "--checkpoint", str(train / "best"), "--output", network],
         "run": ["run", "--recording", recording, "--network", network, "--output", run],
         "evaluate": ["evaluate", "--run", run],
     }
+
+
+def config(name: str) -> list[str]:
+    """The flag for one of this street's configurations."""
+    return ["--config", f"configs/e2e/{name}.yaml"]
 
 
 def main() -> None:
