@@ -56,7 +56,6 @@ class HeadLevel(nn.Module):
         assert isinstance(classes, nn.Conv2d) and classes.bias is not None and self.outputs.bias is not None
         nn.init.normal_(classes.weight, std=0.01)
         nn.init.constant_(classes.bias, -math.log((1 - _PRIOR) / _PRIOR))
-        nn.init.normal_(self.outputs.weight[: sum(self.sizes[:3])], std=0.01)
         nn.init.zeros_(self.outputs.bias)
         nn.init.constant_(self.outputs.bias[2:4], math.log(_FIRST_SIDE))
 

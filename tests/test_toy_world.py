@@ -9,6 +9,7 @@ from multicam.geometry import se3
 from multicam.geometry.mesh import Mesh
 from multicam.geometry.symmetry import Symmetries, symmetric_distance
 from multicam.types import Component, PlacedCamera, PlacedObject, View
+from tests.close import assert_close
 from tests.toy_objects import BRACKET, random_symmetry, toy_meshes, toy_symmetries
 from tests.toy_walk import HEADSET, LEFT, RIGHT, make_walk
 from tests.toy_world import ToyWorld, camera_error, make_world, object_errors
@@ -57,7 +58,7 @@ def test_detections_agree_with_the_poses(rng: np.random.Generator) -> None:
             points = world.catalogue[estimate.obj_id].keypoints
             assert points is not None
             expected = camera.camera.project(se3.act(estimate.camera_from_object, points))
-            assert np.allclose(estimate.detection.keypoints, expected)
+            assert_close(estimate.detection.keypoints, expected)
             assert camera.camera.contains(expected).all()
     assert all(e.detection is None for v in world.views(rng, with_detections=False) for e in v.estimates)
 
@@ -97,7 +98,7 @@ def test_static_cameras_of_a_walk_never_share_an_object(rng: np.random.Generator
 
 def test_tracking_follows_the_truth_unless_it_drifts(rng: np.random.Generator) -> None:
     for step in make_walk(rng).steps:
-        assert np.allclose(step.tracked_world_from_headset, step.world.world_from_camera[HEADSET])
+        assert_close(step.tracked_world_from_headset, step.world.world_from_camera[HEADSET])
     last = make_walk(rng, rotation_drift=0.002, translation_drift=0.002).steps[-1]
     assert (
         1e-3 < np.linalg.norm(se3.minus(last.tracked_world_from_headset, last.world.world_from_camera[HEADSET])) < 0.1

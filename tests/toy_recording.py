@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from multicam.dataset.bop_writer import InstanceLabels, LabelledImage, SceneWriter, write_models
+from multicam.dataset.results import Estimates
 from multicam.dataset.runs import CameraResult, ObjectResult, RunResult, Status, StepResult
 from multicam.dataset.sequence import CameraEntry, FrameEntry, Recording, load_recording, write_sequence
 from multicam.geometry import se3
@@ -74,6 +75,17 @@ def truthful_estimator(
         return found, {"network": 0.02, "pnp": 0.001}
 
     return estimate
+
+
+def truth_as_estimates(recording: Recording) -> Estimates:
+    """The labels of all pictures in the place of a network's answers."""
+    return {
+        (record.scene_id, record.im_id): [
+            ObjectEstimate(i.obj_id, 0.5, i.camera_from_object) for i in record.instances
+        ]
+        for camera in recording.cameras
+        for record in (recording.record(camera.camera_id, e.im_id) for e in camera.frames)
+    }  # fmt: skip
 
 
 def truthful_run(recording: Recording, placed_from: int = 0) -> RunResult:

@@ -19,8 +19,8 @@ from multicam.geometry import se3
 from multicam.matching.arrays import BoolArray
 from multicam.types import FloatArray
 
-SCALE_ROUNDS = 10
-"""Fixed-point rounds for the noise scale; it converges to a few percent, which is all that is needed of it."""
+SCALE_ROUNDS = 30
+"""Most fixed-point rounds for the noise scale, which rises to within a few percent; no more is needed of it."""
 
 PRIOR_REDUNDANCY = 12.0
 """How many redundant measurements the stated noise counts for against what the residuals say of it."""
@@ -81,7 +81,9 @@ class Problem:
         count, scale = PRIOR_REDUNDANCY + max(measured - estimated, 0), 1.0
         for _ in range(SCALE_ROUNDS):
             misfit = sum(float(np.sum(kernel.weight(squared / scale) * squared)) for kernel, squared in edges)
-            scale = max(1.0, (PRIOR_REDUNDANCY + misfit) / count)
+            before, scale = scale, max(1.0, (PRIOR_REDUNDANCY + misfit) / count)
+            if scale < 1.02 * before:
+                break
         return scale
 
     def covariances(self, state: State, noise_scale: float = 1.0) -> tuple[FloatArray, FloatArray]:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from multicam.commands.run import RESULTS, write_report
+from multicam.commands.run import ESTIMATES, RESULTS, write_report
 from multicam.config import parse_command
 from multicam.dataset.objects import load_catalogue
 from multicam.dataset.results import read_results
@@ -17,7 +17,7 @@ from multicam.dataset.sequence import load_recording
 from multicam.errors import ConfigError
 from multicam.evaluation.report import Table, render_text, save_report
 from multicam.evaluation.run_error import evaluate_run
-from multicam.evaluation.single_view import evaluate_estimates, single_view_table
+from multicam.evaluation.single_view import evaluate_estimates, read_split, single_view_table
 from multicam.evaluation.tables import camera_table, coverage_table, object_table, statements, time_table
 from multicam.files import require_folder
 from multicam.progress import Progress, RichProgress
@@ -72,10 +72,11 @@ def evaluate_recorded(folder: Path, recording_folder: Path | None, output: Path,
     """
     run = read_run(require_folder(folder, "run folder") / RESULTS)
     recording = load_recording(recording_folder or run.recording)
-    errors = evaluate_run(run, recording)
+    errors = evaluate_run(run, read_results(folder / ESTIMATES), recording, progress)
     catalogue = recording.catalogue
     tables: Sequence[Table] = [
         camera_table(run, errors), coverage_table(run), time_table(run), object_table(errors, catalogue),
+        single_view_table(errors.single_view, catalogue),
     ]  # fmt: skip
     save_report(output, "evaluation", tables)
     write_report(folder, run, recording, errors, progress)
@@ -91,4 +92,5 @@ def evaluate_candidates(candidates: Path, dataset: Path, split: str, progress: P
     """
     estimates = read_results(candidates)
     catalogue = load_catalogue(require_folder(dataset, "data set folder"))
-    return single_view_table(evaluate_estimates(estimates, dataset / split, catalogue, progress), catalogue)
+    records = read_split(dataset / split, estimates)
+    return single_view_table(evaluate_estimates(estimates, records, catalogue, progress), catalogue)

@@ -73,16 +73,19 @@ def main(argv: list[str]) -> None:
     config = parse_command(RunConfig, argv, "multicam run", "Camera and object poses from a recording.")
     console = Console(highlight=False, markup=False, soft_wrap=True)
     viewer = Viewer(load_recording(config.recording).catalogue, config.view_port) if config.view else None
-    result = run(config, RichProgress(), viewer.show if viewer else None)
-    facts, warnings = statements(result, None, load_recording(config.recording).catalogue)
-    for line in (*facts, *warnings):
-        console.print(line)
-    console.print(f"Report: {config.output / 'report.html'}")
-    if viewer:
-        console.print(f"Live view: {viewer.url} (Ctrl-C ends it)")
-        with suppress(KeyboardInterrupt):
-            threading.Event().wait()
-        viewer.stop()
+    try:
+        result = run(config, RichProgress(), viewer.show if viewer else None)
+        facts, warnings = statements(result, None, load_recording(config.recording).catalogue)
+        for line in (*facts, *warnings):
+            console.print(line)
+        console.print(f"Report: {config.output / 'report.html'}")
+        if viewer:
+            console.print(f"Live view: {viewer.url} (Ctrl-C ends it)")
+            with suppress(KeyboardInterrupt):
+                threading.Event().wait()
+    finally:
+        if viewer:
+            viewer.stop()
 
 
 def run(config: RunConfig, progress: Progress, watch: Watch | None = None) -> RunResult:

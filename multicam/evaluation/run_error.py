@@ -8,16 +8,17 @@ from itertools import combinations
 
 import numpy as np
 
+from multicam.dataset.bop_reader import ImageRecord
+from multicam.dataset.results import Estimates
 from multicam.dataset.runs import CameraResult, FrameIndex, RunResult, StepResult
 from multicam.dataset.sequence import Recording
 from multicam.evaluation.assignment import assign_greedily
 from multicam.evaluation.camera_error import CameraError, camera_error
 from multicam.evaluation.points import PointSets
+from multicam.evaluation.single_view import LEAST_VISIBLE, ObjectErrors, evaluate_estimates
 from multicam.geometry import se3
+from multicam.progress import Progress
 from multicam.types import FloatArray
-
-LEAST_VISIBLE = 0.1
-"""Objects of which every camera of a step sees less than this fraction are not asked for."""
 
 SAME_OBJECT = 0.02
 """Metres; true poses of one class from two cameras that are closer are one object."""
@@ -31,11 +32,13 @@ class RunErrors:
         cameras: static camera to its errors in the headset's frame: inv(world_from_headset) @ world_from_static.
         pairs: two static cameras to the errors of their relative pose.
         objects: class to ADD(-S) errors (m) in the headset's frame over all steps; infinite for a missing object.
+        single_view: class to the errors of the network's own estimates, picture by picture.
     """
 
     cameras: dict[str, tuple[CameraError | None, ...]]
     pairs: dict[tuple[str, str], tuple[CameraError | None, ...]]
     objects: dict[int, tuple[float, ...]]
+    single_view: dict[int, list[ObjectErrors]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,10 +70,14 @@ class Truth:
         camera = next(c for c in self._recording.cameras if c.camera_id == camera_id)
         return self._recording.truth_of(camera_id, camera.frames[0].im_id)
 
+    def record(self, camera_id: str, timestamp_ns: int) -> ImageRecord:
+        """The BOP record of a picture."""
+        _, entry = self._index.find(camera_id, timestamp_ns)
+        return self._recording.record(camera_id, entry.im_id)
+
     def objects(self, camera_id: str, timestamp_ns: int) -> list[tuple[int, FloatArray]]:
         """(class, true world_from_object) of what a picture shows well enough."""
-        _, entry = self._index.find(camera_id, timestamp_ns)
-        record = self._recording.record(camera_id, entry.im_id)
+        record = self.record(camera_id, timestamp_ns)
         world_from_camera = self.camera(camera_id, timestamp_ns)
         return [
             (i.obj_id, world_from_camera @ i.camera_from_object)
@@ -79,11 +86,14 @@ class Truth:
         ]
 
 
-def evaluate_run(run: RunResult, recording: Recording) -> RunErrors:
+def evaluate_run(run: RunResult, estimates: Estimates, recording: Recording, progress: Progress) -> RunErrors:
     """Compares every step of a run with the recording's truth.
 
     A static camera is judged where the headset needs it: in the headset's frame at its latest picture, so that drift
     of the tracking between the measurement and now counts as error.
+
+    Args:
+        estimates: of the network, by scene and image of the recording.
 
     Raises:
         DataError: run and recording do not belong together, or the recording carries no truth.
@@ -101,10 +111,17 @@ def evaluate_run(run: RunResult, recording: Recording) -> RunErrors:
             errors.append(_pair_error(step.camera(a), step.camera(b), truth))
         if reference is not None:
             _judge_objects(step, reference, truth, points, objects)
+    pictures = [
+        truth.record(camera.camera_id, camera.timestamp_ns)
+        for step in run.steps
+        for camera in step.cameras
+        if camera.timestamp_ns is not None
+    ]
     return RunErrors(
         {name: tuple(errors) for name, errors in cameras.items()},
         {pair: tuple(errors) for pair, errors in pairs.items()},
         {obj_id: tuple(errors) for obj_id, errors in sorted(objects.items())},
+        evaluate_estimates(estimates, pictures, recording.catalogue, progress),
     )
 
 

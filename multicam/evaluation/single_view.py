@@ -43,23 +43,33 @@ class ObjectErrors:
     mspd: float = float("inf")
 
 
-def evaluate_estimates(
-    estimates: Estimates, split: Path, catalogue: Catalogue, progress: Progress
-) -> dict[int, list[ObjectErrors]]:
-    """Errors by class over all images of a split.
+def read_split(split: Path, estimates: Estimates) -> list[ImageRecord]:
+    """The images of a split, in order of scene and image.
 
     Raises:
-        DataError: estimates for images or classes that the data set lacks; images without truth or intrinsics.
+        DataError: the split is missing or malformed, or lacks an image that the estimates name.
     """
     records = {(r.scene_id, r.im_id): r for scene in list_scenes(split) for r in read_scene(scene)}
     unknown = sorted(set(estimates) - set(records))
     if unknown:
         raise DataError(f"the estimates name scene {unknown[0][0]}, image {unknown[0][1]}, which {split} lacks.")
+    return [record for _, record in sorted(records.items())]
+
+
+def evaluate_estimates(
+    estimates: Estimates, records: Sequence[ImageRecord], catalogue: Catalogue, progress: Progress
+) -> dict[int, list[ObjectErrors]]:
+    """Errors by class over some images; estimates for other images are ignored.
+
+    Raises:
+        DataError: classes that the catalogue lacks; images without truth or intrinsics.
+    """
     points = PointSets(catalogue)
     symmetries = {obj_id: catalogue[obj_id].symmetries.transforms() for obj_id in catalogue.obj_ids}
     errors: dict[int, list[ObjectErrors]] = {}
-    for key, record in progress.track(sorted(records.items()), "evaluating", len(records)):
-        for obj_id, rows in _image_errors(record, estimates.get(key, []), points, symmetries).items():
+    for record in progress.track(records, "evaluating", len(records)):
+        found = estimates.get((record.scene_id, record.im_id), [])
+        for obj_id, rows in _image_errors(record, found, points, symmetries).items():
             errors.setdefault(obj_id, []).extend(rows)
     return dict(sorted(errors.items()))
 

@@ -19,7 +19,7 @@ from multicam.matching.observations import PosedObjects
 from multicam.matching.symmetry import SymmetryTable, closest_turn
 from multicam.types import FloatArray
 
-PARTNERS = 8
+PARTNERS = 3
 """Second objects tried for the angle of a measurement with an axis: those whose distances fit best."""
 
 
@@ -131,13 +131,17 @@ def measure(
     )
 
 
-def propose(measurements: Measurements, reference: PosedObjects, query: PosedObjects) -> Hypotheses:
+def propose(
+    measurements: Measurements, reference: PosedObjects, query: PosedObjects, symmetries: SymmetryTable
+) -> Hypotheses:
     """One hypothesis from each measurement without an axis; those with one get their angle from second objects.
 
     A measurement with an axis and no second object is a hypothesis too: it shows that the turn is open.
     """
     turning = np.any(measurements.axis, axis=-1)
-    first, second, angle = _second_objects(measurements, np.flatnonzero(turning), reference, query)
+    first, second, angle = _second_objects(
+        measurements, np.flatnonzero(turning), _centres(reference, symmetries), _centres(query, symmetries)
+    )
     turning[np.setdiff1d(np.flatnonzero(turning), first)] = False
     fixed = np.flatnonzero(~turning)
     turned = measurements.pose[first] @ se3.exp(angle[:, None] * measurements.axis[first])
@@ -149,12 +153,12 @@ def propose(measurements: Measurements, reference: PosedObjects, query: PosedObj
 
 
 def _second_objects(
-    measurements: Measurements, turning: IntArray, reference: PosedObjects, query: PosedObjects
+    measurements: Measurements, turning: IntArray, reference_centre: FloatArray, query_centre: FloatArray
 ) -> tuple[IntArray, IntArray, FloatArray]:
     """For measurements with an axis: (first, second, angle) that bring the second object's centres together."""
     owner, second = measurements.of_link(measurements.link[turning])
     first = turning[owner]
-    # Symmetric variants of the second object have one centre, so the first variant stands for all.
+    # Symmetric variants of the second object share its centre, so the first variant stands for all.
     fits = measurements.variant[second] == 0
     for side in (measurements.reference, measurements.query):
         fits &= side[first] != side[second]
@@ -162,15 +166,19 @@ def _second_objects(
     direction, moment = measurements.axis[first, :3], measurements.axis[first, 3:]
     on_axis = np.cross(direction, moment)
     query_from_reference = se3.inverse(measurements.pose[first])
-    centre = reference.frame_from_object[measurements.reference[second], :3, 3]
-    target = apply(query_from_reference[:, :3, :3], centre) + query_from_reference[:, :3, 3]
+    target = se3.act(query_from_reference, reference_centre[measurements.reference[second], None])[:, 0]
     goal, goal_height = _across(target - on_axis, direction)
-    start, start_height = _across(query.frame_from_object[measurements.query[second], :3, 3] - on_axis, direction)
+    start, start_height = _across(query_centre[measurements.query[second]] - on_axis, direction)
     angle = np.arctan2(np.sum(direction * np.cross(start, goal), axis=-1), np.sum(start * goal, axis=-1))
     misfit = np.hypot(goal_height - start_height, np.linalg.norm(goal, axis=-1) - np.linalg.norm(start, axis=-1))
     order = np.lexsort((misfit, first))
     order = order[rank_in_group(first[order]) < PARTNERS]
     return first[order], second[order], angle[order]
+
+
+def _centres(objects: PosedObjects, symmetries: SymmetryTable) -> FloatArray:
+    """(n, 3) the points of the objects that no symmetry moves, in their frames."""
+    return se3.act(objects.frame_from_object, symmetries.centre[symmetries.rows(objects.obj_id), None])[:, 0]
 
 
 def _across(vector: FloatArray, direction: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from multicam.dataset.objects import Catalogue
-from multicam.geometry import so3
+from multicam.geometry import se3, so3
 from multicam.geometry.symmetry import Axis
 from multicam.matching.arrays import IntArray
 from multicam.types import FloatArray
@@ -23,6 +23,7 @@ class SymmetryTable:
         transforms: (s, 4, 4) object_from_object.
         axis: (c, 6) unit twist about the axis in the object frame, zero where there is none. Of several axes (no known
             object has them) the first.
+        centre: (c, 3) a point that every symmetry leaves where it is, metres.
     """
 
     obj_ids: IntArray
@@ -30,6 +31,7 @@ class SymmetryTable:
     count: IntArray
     transforms: FloatArray
     axis: FloatArray
+    centre: FloatArray
 
     @classmethod
     def of(cls, catalogue: Catalogue, obj_ids: IntArray) -> SymmetryTable:
@@ -39,7 +41,13 @@ class SymmetryTable:
         blocks = [np.concatenate((np.eye(4)[None], s.discrete)) for s in symmetries]
         count = np.array([len(block) for block in blocks], dtype=np.int64)
         axis = np.array([axis_twist(s.axes[0]) if s.axes else np.zeros(6) for s in symmetries]).reshape(-1, 6)
-        return cls(unique, np.cumsum(count) - count, count, np.concatenate([np.zeros((0, 4, 4)), *blocks]), axis)
+        # The mean of a point's images under a group stays where it is; a point of the axis stays under turns too.
+        points = [s.axes[0].offset if s.axes else np.zeros(3) for s in symmetries]
+        centres = [se3.act(block, point).mean(axis=0) for block, point in zip(blocks, points, strict=True)]
+        return cls(
+            unique, np.cumsum(count) - count, count, np.concatenate([np.zeros((0, 4, 4)), *blocks]),
+            axis, np.array(centres).reshape(-1, 3),
+        )  # fmt: skip
 
     def rows(self, obj_id: IntArray) -> IntArray:
         """Row of each class in the table."""

@@ -76,7 +76,9 @@ def links_to_map(group: Group, fused: PosedObjects, views: set[int]) -> list[Lin
 
 def _find(group: Group, reference: PosedObjects, query: PosedObjects, allowed: BoolArray) -> list[Link]:
     measurements = measure(reference, query, allowed, group.symmetries)
-    found = find_consensus(measurements, propose(measurements, reference, query), group.config.consensus)
+    found = find_consensus(
+        measurements, propose(measurements, reference, query, group.symmetries), group.config.consensus
+    )
     log_odds, rotation_std = found.log_odds, total_std(found.covariance[:, :3, :3])
     return [
         Link(

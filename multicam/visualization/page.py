@@ -17,6 +17,7 @@ from multicam.dataset.runs import CameraResult, RunResult, StepResult
 from multicam.dataset.sequence import Recording
 from multicam.errors import DataError
 from multicam.evaluation.run_error import RunErrors, Truth
+from multicam.evaluation.single_view import single_view_table
 from multicam.evaluation.tables import camera_table, coverage_table, object_table, statements, time_table
 from multicam.files import write_bytes, write_text
 from multicam.geometry import se3
@@ -79,6 +80,7 @@ def write_page(
         "coverage_table": coverage_table(run),
         "time_table": time_table(run),
         "object_table": object_table(errors, catalogue) if errors else None,
+        "single_view_table": single_view_table(errors.single_view, catalogue) if errors else None,
     }
     page = environment.get_template("report.html").render(
         title="Camera poses from known objects",

@@ -17,6 +17,7 @@ from multicam.dataset.bop_reader import ImageRecord, list_scenes, read_depth, re
 from multicam.dataset.bop_writer import LabelledImage, SceneWriter
 from multicam.errors import DataError
 from multicam.geometry import se3
+from tests.close import assert_close
 from tests.dataset.labelled import CAMERA, labelled_image
 from tests.strategies import Array, seeds, transforms
 
@@ -24,19 +25,19 @@ from tests.strategies import Array, seeds, transforms
 def check(record: ImageRecord, picture: LabelledImage) -> None:
     """Holds a record equal to the picture that was written."""
     assert record.camera_matrix is not None and record.camera_from_world is not None  # noqa: PT018
-    assert np.allclose(record.camera_matrix, picture.camera.matrix, atol=0)
-    assert np.allclose(record.camera_from_world, picture.camera_from_world, atol=1e-12)
+    assert_close(record.camera_matrix, picture.camera.matrix, atol=0)
+    assert_close(record.camera_from_world, picture.camera_from_world, atol=1e-12)
     assert record.rgb_path is not None and record.depth_path is not None  # noqa: PT018
     difference = read_image(record.rgb_path).astype(int) - picture.image
     assert np.abs(difference).mean() < 3
-    assert np.allclose(read_depth(record.depth_path, record.depth_scale), picture.depth, atol=1e-6)
+    assert_close(read_depth(record.depth_path, record.depth_scale), picture.depth, atol=1e-6)
     assert len(record.instances) == len(picture.instances)
     for found, written in zip(record.instances, picture.instances, strict=True):
         assert found.obj_id == written.obj_id
-        assert np.allclose(found.camera_from_object, written.camera_from_object, atol=1e-12)
-        assert np.allclose(found.box, written.box)
+        assert_close(found.camera_from_object, written.camera_from_object, atol=1e-12)
+        assert_close(found.box, written.box)
         assert found.visible_fraction == pytest.approx(written.visible_fraction)
-        assert np.allclose(found.keypoints, written.keypoints)
+        assert_close(found.keypoints, written.keypoints)
         assert np.array_equal(found.keypoints_visible, written.keypoints_visible)
 
 
@@ -70,11 +71,11 @@ def test_files_hold_what_the_bop_format_says(tmp_path: Path, rng: np.random.Gene
     row = picture.instances[0]
     (truth,) = json.loads((folder / "scene_gt.json").read_text())["5"]
     assert truth["obj_id"] == 3
-    assert np.allclose(truth["cam_R_m2c"], row.camera_from_object[:3, :3].ravel())
-    assert np.allclose(truth["cam_t_m2c"], 1000 * row.camera_from_object[:3, 3])
+    assert_close(truth["cam_R_m2c"], row.camera_from_object[:3, :3].ravel())
+    assert_close(truth["cam_t_m2c"], 1000 * row.camera_from_object[:3, 3])
     camera = json.loads((folder / "scene_camera.json").read_text())["5"]
-    assert np.allclose(camera["cam_K"], CAMERA.matrix.ravel())
-    assert np.allclose(camera["cam_t_w2c"], 1000 * picture.camera_from_world[:3, 3])
+    assert_close(camera["cam_K"], CAMERA.matrix.ravel())
+    assert_close(camera["cam_t_w2c"], 1000 * picture.camera_from_world[:3, 3])
     (info,) = json.loads((folder / "scene_gt_info.json").read_text())["5"]
     assert info["bbox_obj"] == [-3.5, 4.25, 44.5, 43.5]
     ys, xs = np.nonzero(row.mask_visible)
@@ -84,7 +85,7 @@ def test_files_hold_what_the_bop_format_says(tmp_path: Path, rng: np.random.Gene
     assert info["px_count_visib"] == row.mask_visible.sum()
     raw = cv2.imread(str(folder / "depth" / "000005.png"), cv2.IMREAD_UNCHANGED)
     assert raw.dtype == np.uint16
-    assert np.allclose(raw * camera["depth_scale"], 1000 * picture.depth, atol=0.051)
+    assert_close(raw * camera["depth_scale"], 1000 * picture.depth, atol=0.051)
     assert {p.name for p in (folder / "mask").iterdir()} == {"000005_000000.png"}
 
 
@@ -104,7 +105,7 @@ def test_depth_beyond_sixteen_bits_is_unknown(tmp_path: Path, rng: np.random.Gen
     assert record.depth_path is not None
     depth = read_depth(record.depth_path, record.depth_scale)
     assert (depth[20:] == 0).all()
-    assert np.allclose(depth[:20], picture.depth[:20], atol=1e-6)
+    assert_close(depth[:20], picture.depth[:20], atol=1e-6)
 
 
 class Killed(BaseException):
@@ -218,4 +219,4 @@ def test_published_scenes_are_read(bench_dir: Path) -> None:
     assert lmo.rgb_path is not None
     assert read_image(lmo.rgb_path).shape == (480, 640, 3)
     assert lmo.camera_from_world is not None
-    assert np.allclose(lmo.camera_from_world @ se3.inverse(lmo.camera_from_world), np.eye(4))
+    assert_close(lmo.camera_from_world @ se3.inverse(lmo.camera_from_world), np.eye(4))

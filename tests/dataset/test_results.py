@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from multicam.dataset.results import read_results, write_results
 from multicam.types import ObjectEstimate
+from tests.close import assert_close
 from tests.faults import sentence
 from tests.strategies import transforms
 
@@ -38,7 +39,7 @@ def test_estimates_come_back_as_they_were_written(
         expected = [e for scene, image, e, _ in written if (scene, image) == key]
         for a, b in zip(estimates, expected, strict=True):
             assert (a.obj_id, a.score) == (b.obj_id, pytest.approx(b.score, abs=1e-6))
-            assert np.allclose(a.camera_from_object, b.camera_from_object, atol=2e-9)
+            assert_close(a.camera_from_object, b.camera_from_object, atol=2e-9)
 
 
 def test_a_row_reads_as_the_format_says(tmp_path: Path) -> None:
@@ -46,7 +47,7 @@ def test_a_row_reads_as_the_format_says(tmp_path: Path) -> None:
     path.write_text(HEADER + ROW + "\n" + ROW.replace("0.5", "0.25"))
     first, second = read_results(path)[1, 2]
     assert (first.obj_id, first.score, second.score) == (3, 0.5, 0.25)
-    assert np.allclose(first.camera_from_object[:3, 3], [0.01, 0.02, 0.9])
+    assert_close(first.camera_from_object[:3, 3], [0.01, 0.02, 0.9])
 
 
 def test_gzipped_files_are_read(tmp_path: Path) -> None:

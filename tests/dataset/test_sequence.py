@@ -22,6 +22,7 @@ from multicam.dataset.sequence import (
     write_sequence,
 )
 from multicam.geometry import se3
+from tests.close import assert_close
 from tests.dataset.labelled import CAMERA, labelled_image
 from tests.faults import edit_json, sentence
 from tests.toy_objects import toy_meshes
@@ -55,7 +56,7 @@ def test_a_recording_comes_back_as_it_was_written(recording: Path, catalogue: Ca
     assert all(e.tracked_world_from_camera is not None for e in headset.frames)
     assert all(e.tracked_world_from_camera is None for e in static.frames)
     truth = found.truth_of("static", 1)
-    assert np.allclose(se3.inverse(truth), found.record("static", 1).camera_from_world)
+    assert_close(se3.inverse(truth), found.record("static", 1).camera_from_world)
 
 
 def test_poses_survive_to_the_last_digit(tmp_path: Path, recording: Path, rng: np.random.Generator) -> None:
@@ -72,7 +73,7 @@ def test_frame_sets_hold_pictures_of_one_time(recording: Path) -> None:
         headset, static = frame_set.frames
         assert (headset.camera_id, static.camera_id) == ("headset", "static")
         assert headset.image.shape == (48, 64, 3)
-        assert np.allclose(headset.camera.matrix, CAMERA.matrix)
+        assert_close(headset.camera.matrix, CAMERA.matrix)
         assert headset.tracked_world_from_camera is not None
         assert static.tracked_world_from_camera is None
         assert headset.depth is not None

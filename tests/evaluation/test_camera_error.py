@@ -26,6 +26,6 @@ def test_the_frame_of_reference_does_not_matter(estimated, true, move):
 
 def test_the_ellipsoid_holds_95_percent_of_honest_estimates(rng):
     true, covariance = se3.random(rng), np.diag([1, 2, 3, 1, 2, 3]) * 1e-4
-    draws = rng.multivariate_normal(np.zeros(6), covariance, size=2000)
+    draws = rng.multivariate_normal(np.zeros(6), covariance, size=1000)
     inside = [camera_error(se3.plus(true, -xi), true, covariance).inside for xi in draws]
-    assert np.mean(inside) == pytest.approx(0.95, abs=0.015)
+    assert np.mean(inside) == pytest.approx(0.95, abs=0.02)

@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 
 from multicam.dataset.runs import RunResult, StepResult, read_run, write_run
+from multicam.dataset.sequence import Recording
 from multicam.errors import DataError
-from multicam.evaluation.run_error import evaluate_run
+from multicam.evaluation.run_error import RunErrors, evaluate_run
 from multicam.evaluation.tables import camera_table, coverage_table, object_table, statements, time_table
 from multicam.geometry import se3
-from tests.toy_recording import truthful_run
+from multicam.progress import SilentProgress
+from tests.toy_recording import truth_as_estimates, truthful_run
 from tests.toy_walk import HEADSET, LEFT, RIGHT
 
 
@@ -27,15 +29,20 @@ def moved(run: RunResult, camera_id: str, twist: list[float]) -> RunResult:
     return replace(run, steps=tuple(map(change, run.steps)))
 
 
+def judge(run: RunResult, recording: Recording) -> RunErrors:
+    """Errors with the truth as the network's estimates."""
+    return evaluate_run(run, truth_as_estimates(recording), recording, SilentProgress())
+
+
 def test_a_perfect_run_has_no_errors(toy_recording):
-    errors = evaluate_run(truthful_run(toy_recording), toy_recording)
+    errors = judge(truthful_run(toy_recording), toy_recording)
     for series in (*errors.cameras.values(), *errors.pairs.values()):
         assert all(e is not None and e.centre_mm < 1e-6 and e.rotation_deg < 1e-5 and e.inside for e in series)
     assert all(max(found) < 1e-6 for found in errors.objects.values())
 
 
 def test_an_error_of_a_static_camera_shows_in_the_headsets_frame(toy_recording):
-    errors = evaluate_run(moved(truthful_run(toy_recording), LEFT, [0, 0, 0.1, 0.03, 0.04, 0]), toy_recording)
+    errors = judge(moved(truthful_run(toy_recording), LEFT, [0, 0, 0.1, 0.03, 0.04, 0]), toy_recording)
     assert errors.cameras[LEFT][0].centre_mm == pytest.approx(50, abs=0.1)
     assert errors.cameras[LEFT][0].rotation_deg == pytest.approx(np.degrees(0.1))
     assert not errors.cameras[LEFT][0].inside
@@ -44,7 +51,7 @@ def test_an_error_of_a_static_camera_shows_in_the_headsets_frame(toy_recording):
 
 
 def test_drift_of_the_headset_counts_as_error_of_what_it_looks_at(toy_recording):
-    errors = evaluate_run(moved(truthful_run(toy_recording), HEADSET, [0, 0, 0, 0.02, 0, 0]), toy_recording)
+    errors = judge(moved(truthful_run(toy_recording), HEADSET, [0, 0, 0, 0.02, 0, 0]), toy_recording)
     assert errors.cameras[LEFT][0].centre_mm == pytest.approx(20, abs=0.1)
     assert errors.pairs[LEFT, RIGHT][0].centre_mm < 1e-6
     assert min(min(found) for found in errors.objects.values()) == pytest.approx(0.02, rel=0.5)
@@ -61,14 +68,14 @@ def test_the_whole_world_may_be_elsewhere(toy_recording, rng):
         )
         for step in run.steps
     )
-    errors = evaluate_run(replace(run, steps=steps), toy_recording)
+    errors = judge(replace(run, steps=steps), toy_recording)
     assert all(e.centre_mm < 1e-6 for series in errors.cameras.values() for e in series)
     assert all(max(found) < 1e-6 for found in errors.objects.values())
 
 
 def test_steps_without_a_pose_are_counted_and_not_averaged_away(toy_recording):
     run = truthful_run(toy_recording, placed_from=2)
-    errors = evaluate_run(run, toy_recording)
+    errors = judge(run, toy_recording)
     assert errors.cameras[LEFT][:2] == (None, None)
     table = camera_table(run, errors).to_plain()["rows"]
     assert table[0]["camera"] == f"{LEFT} in {HEADSET}"
@@ -85,13 +92,19 @@ def test_steps_without_a_pose_are_counted_and_not_averaged_away(toy_recording):
 def test_missing_objects_are_infinite_errors(toy_recording):
     run = truthful_run(toy_recording)
     without = replace(run, steps=tuple(replace(s, objects=()) for s in run.steps))
-    errors = evaluate_run(without, toy_recording)
+    errors = judge(without, toy_recording)
     assert all(np.isinf(found).all() for found in errors.objects.values())
     rows = object_table(errors, toy_recording.catalogue).to_plain()["rows"]
     assert rows[-1]["object"] == "mean of classes"
     assert rows[-1]["within 0.1 d %"] == 0
-    _, warnings = statements(run, errors, toy_recording.catalogue)
+
+
+def test_a_network_that_finds_nothing_is_called_weak(toy_recording):
+    run = truthful_run(toy_recording)
+    errors = evaluate_run(run, {}, toy_recording, SilentProgress())
+    facts, warnings = statements(run, errors, toy_recording.catalogue)
     assert any(text.startswith("The network is weak") for text in warnings)
+    assert any("0 % of what the network is shown in single pictures; 100 % of what any" in text for text in facts)
 
 
 def test_a_run_without_a_single_placed_camera_says_so(toy_recording):
@@ -110,7 +123,7 @@ def test_a_run_without_a_single_placed_camera_says_so(toy_recording):
             for s in run.steps
         ),
     )  # fmt: skip
-    errors = evaluate_run(never, toy_recording)
+    errors = judge(never, toy_recording)
     rows = camera_table(never, errors).to_plain()["rows"]
     assert [row["has pose %"] for row in rows] == [0, 0, 0]
     assert rows[0]["median mm"] is None
@@ -122,7 +135,7 @@ def test_a_run_without_a_single_placed_camera_says_so(toy_recording):
 def test_poor_cameras_and_small_ellipsoids_are_warned_of(toy_recording):
     run = moved(truthful_run(toy_recording), LEFT, [0, 0, 0, 0.2, 0, 0])
     run = moved(run, RIGHT, [0, 0, 0, 0.2, 0, 0])
-    _, warnings = statements(run, evaluate_run(run, toy_recording), toy_recording.catalogue)
+    _, warnings = statements(run, judge(run, toy_recording), toy_recording.catalogue)
     assert any(text.startswith("Camera poses are poor") for text in warnings)
     assert any(text.startswith("The stated uncertainties are too small: 0 %") for text in warnings)
 
@@ -142,7 +155,7 @@ def test_a_run_of_another_recording_is_refused(toy_recording):
         ),
     )  # fmt: skip
     with pytest.raises(DataError, match="was the run made on another recording"):
-        evaluate_run(shifted, toy_recording)
+        judge(shifted, toy_recording)
 
 
 def test_results_survive_the_disk(toy_recording, tmp_path):

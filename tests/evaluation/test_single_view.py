@@ -5,25 +5,16 @@ import pytest
 
 from multicam.dataset.results import Estimates
 from multicam.errors import DataError
-from multicam.evaluation.single_view import ObjectErrors, evaluate_estimates, single_view_table
+from multicam.evaluation.single_view import ObjectErrors, evaluate_estimates, read_split, single_view_table
 from multicam.geometry import se3
 from multicam.progress import SilentProgress
-from multicam.types import ObjectEstimate
 from tests.toy_objects import PLATE, random_symmetry, toy_symmetries
-
-
-def truth_as_estimates(recording) -> Estimates:
-    return {
-        (record.scene_id, record.im_id): [
-            ObjectEstimate(i.obj_id, 0.5, i.camera_from_object) for i in record.instances
-        ]
-        for camera in recording.cameras
-        for record in (recording.record(camera.camera_id, e.im_id) for e in camera.frames)
-    }  # fmt: skip
+from tests.toy_recording import truth_as_estimates
 
 
 def evaluate(recording, estimates: Estimates) -> dict[int, list[ObjectErrors]]:
-    return evaluate_estimates(estimates, recording.folder / "test", recording.catalogue, SilentProgress())
+    records = read_split(recording.folder / "test", estimates)
+    return evaluate_estimates(estimates, records, recording.catalogue, SilentProgress())
 
 
 def test_the_truth_has_no_errors(toy_recording):

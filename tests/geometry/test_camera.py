@@ -9,6 +9,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from multicam.geometry.camera import Camera, distort, undistort
+from tests.close import assert_close
 from tests.pictures import blob_centre, blob_image
 from tests.strategies import Array, arrays, cameras, distortions, seeds, visible_points
 
@@ -26,7 +27,7 @@ def test_projection_agrees_with_opencv(camera: Camera, rng: np.random.Generator)
     points = np.c_[in_lens(rng), np.ones(20)] * rng.uniform(0.2, 5, (20, 1))
     coefficients = np.array(camera.distortion) if camera.distortion else None
     expected, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), camera.matrix, coefficients)
-    assert np.allclose(camera.project(points), expected[:, 0], atol=1e-8)
+    assert_close(camera.project(points), expected[:, 0], atol=1e-8)
 
 
 @given(distortions(), seeds())
@@ -38,8 +39,8 @@ def test_undistortion_agrees_with_opencv_and_is_sharper(
     distorted = distort(normalized, coefficients)
     criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 500, 1e-12)
     theirs = cv2.undistortPointsIter(distorted[:, None], np.eye(3), np.array(coefficients), None, None, criteria)
-    assert np.allclose(undistort(distorted, coefficients), theirs[:, 0], atol=1e-7)
-    assert np.allclose(undistort(distorted, coefficients), normalized, atol=1e-12)
+    assert_close(undistort(distorted, coefficients), theirs[:, 0], atol=1e-7)
+    assert_close(undistort(distorted, coefficients), normalized, atol=1e-12)
 
 
 @given(cameras(distorted=True), seeds())
@@ -47,15 +48,15 @@ def test_unproject_undoes_project(camera: Camera, rng: np.random.Generator) -> N
     depth = rng.uniform(0.2, 5, 20)
     points = np.c_[in_lens(rng), np.ones(20)] * depth[:, None]
     pixels = camera.project(points)
-    assert np.allclose(camera.unproject(pixels, depth), points, atol=1e-10)
-    assert np.allclose(camera.unproject(pixels), points / depth[:, None], atol=1e-10)
+    assert_close(camera.unproject(pixels, depth), points, atol=1e-10)
+    assert_close(camera.unproject(pixels), points / depth[:, None], atol=1e-10)
 
 
 @given(cameras(distorted=True), seeds())
 def test_undistorted_pixels_are_those_of_the_ideal_lens(camera: Camera, rng: np.random.Generator) -> None:
     points = np.c_[in_lens(rng), np.ones(20)]
     ideal = camera.without_distortion()
-    assert np.allclose(camera.undistort_pixels(camera.project(points)), ideal.project(points), atol=1e-7)
+    assert_close(camera.undistort_pixels(camera.project(points)), ideal.project(points), atol=1e-7)
     assert ideal.distortion == ()
 
 
@@ -67,7 +68,7 @@ def test_projection_jacobian_matches_differences(data: st.DataObject, camera: Ca
         (camera.project(points + step * axis) - camera.project(points - step * axis)) / (2 * step) for axis in np.eye(3)
     ]
     found = camera.projection_jacobian(points)
-    assert np.allclose(found, np.stack(columns, axis=-1), rtol=1e-6, atol=1e-4)
+    assert_close(found, np.stack(columns, axis=-1), rtol=1e-6, atol=1e-4)
 
 
 @given(st.data(), cameras(), arrays(6, 1.0))
@@ -77,12 +78,12 @@ def test_a_warped_camera_projects_to_the_warped_pixel(data: st.DataObject, camer
     warp[:2] += numbers.reshape(2, 3) * [0.4, 0.4, 50]
     warped = camera.warped(warp, 320, 200)
     moved = camera.project(points) @ warp[:2, :2].T + warp[:2, 2]
-    assert np.allclose(warped.project(points), moved, atol=1e-8)
+    assert_close(warped.project(points), moved, atol=1e-8)
     assert np.array_equal(warped.matrix, warp @ camera.matrix)
     assert (warped.width, warped.height) == (320, 200)
     # A skewed matrix must still lead back.
-    assert np.allclose(warped.unproject(moved, points[:, 2]), points, atol=1e-8)
-    assert np.allclose(warped.projection_jacobian(points), warp[:2, :2] @ camera.projection_jacobian(points))
+    assert_close(warped.unproject(moved, points[:, 2]), points, atol=1e-8)
+    assert_close(warped.projection_jacobian(points), warp[:2, :2] @ camera.projection_jacobian(points))
 
 
 def test_a_warped_camera_sees_what_warp_affine_draws() -> None:
@@ -109,10 +110,10 @@ def test_a_scaled_camera_sees_what_resize_draws(factor: float, mode: int, size: 
 def test_scaling_there_and_back_changes_nothing(camera: Camera, factor: float, rng: np.random.Generator) -> None:
     there = camera.scaled(factor)
     assert there.distortion == camera.distortion
-    assert np.allclose(there.scaled(1 / factor).matrix, camera.matrix, atol=1e-9)
+    assert_close(there.scaled(1 / factor).matrix, camera.matrix, atol=1e-9)
     # The corner of the image, half a pixel outside the first centre, stays the corner.
     corner = np.array([-0.5, -0.5])
-    assert np.allclose(there.unproject(corner), camera.unproject(corner), atol=1e-9)
+    assert_close(there.unproject(corner), camera.unproject(corner), atol=1e-9)
 
 
 def test_from_focal_looks_through_the_centre_of_the_picture() -> None:
@@ -133,8 +134,8 @@ def test_batch_axes_lead(rng: np.random.Generator) -> None:
     pixels = EXAMPLE.project(points)
     assert pixels.shape == (2, 5, 2)
     assert EXAMPLE.projection_jacobian(points).shape == (2, 5, 2, 3)
-    assert np.allclose(EXAMPLE.projection_jacobian(points)[1, 2], EXAMPLE.projection_jacobian(points[1, 2]))
-    assert np.allclose(EXAMPLE.unproject(pixels, points[..., 2]), points)
+    assert_close(EXAMPLE.projection_jacobian(points)[1, 2], EXAMPLE.projection_jacobian(points[1, 2]))
+    assert_close(EXAMPLE.unproject(pixels, points[..., 2]), points)
 
 
 def test_an_affine_map_of_a_distorted_lens_is_refused() -> None:

@@ -15,6 +15,7 @@ from scipy.stats import kstest
 from multicam.errors import DataError
 from multicam.geometry.keypoints import farthest_points, sample_keypoints
 from multicam.geometry.mesh import Mesh, load_mesh, save_ply
+from tests.close import assert_close
 from tests.strategies import seeds
 from tests.toy_objects import BRACKET, PLATE, ROD, toy_meshes
 
@@ -31,7 +32,7 @@ def test_a_flat_mesh_has_a_diameter_too() -> None:
 
 
 def test_box_spans_the_vertices() -> None:
-    assert np.allclose(toy_meshes()[PLATE].box, [[-0.06, -0.03, -0.01], [0.06, 0.03, 0.01]])
+    assert_close(toy_meshes()[PLATE].box, [[-0.06, -0.03, -0.01], [0.06, 0.03, 0.01]])
 
 
 def test_surface_samples_are_uniform(rng: np.random.Generator) -> None:
@@ -78,7 +79,7 @@ def test_ply_comes_back_in_metres(tmp_path: Path) -> None:
     colored = Mesh(mesh.vertices, mesh.faces, np.full((len(mesh.vertices), 3), (10, 200, 30), dtype=np.uint8))
     save_ply(colored, tmp_path / "rod.ply", 1000.0)
     back = load_mesh(tmp_path / "rod.ply", 0.001)
-    assert np.allclose(back.vertices, mesh.vertices, atol=1e-7)
+    assert_close(back.vertices, mesh.vertices, atol=1e-7)
     assert np.array_equal(back.faces, mesh.faces)
     assert back.colors is not None
     assert np.array_equal(back.colors[0], [10, 200, 30])

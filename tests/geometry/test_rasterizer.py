@@ -10,6 +10,7 @@ from multicam.geometry import se3
 from multicam.geometry.camera import Camera
 from multicam.geometry.mesh import Mesh
 from multicam.geometry.rasterizer import NEAR, render_depth
+from tests.close import assert_close
 from tests.strategies import Array, arrays, rotations
 from tests.toy_objects import BRACKET, PEG, PYRAMID, toy_meshes
 from tests.toy_world import looking_at
@@ -44,7 +45,7 @@ def test_depth_is_that_of_the_first_surface_the_ray_meets(obj_id: int, rotation:
     assert found.dtype == np.float32
     # A ray that grazes an edge may fall on either side of it.
     clear = np.abs(inside) > 1e-6
-    assert np.allclose(found[clear], expected[clear], atol=1e-6)
+    assert_close(found[clear], expected[clear], atol=1e-6)
 
 
 def test_a_warped_camera_draws_the_warped_picture() -> None:
@@ -53,14 +54,14 @@ def test_a_warped_camera_draws_the_warped_picture() -> None:
     expected, inside = ray_depth(MESHES[BRACKET], camera, pose)
     clear = np.abs(inside) > 1e-6
     assert (expected > 0).sum() > 200
-    assert np.allclose(render_depth(MESHES[BRACKET], camera, pose)[clear], expected[clear], atol=1e-6)
+    assert_close(render_depth(MESHES[BRACKET], camera, pose)[clear], expected[clear], atol=1e-6)
 
 
 def test_the_winding_of_a_face_does_not_matter() -> None:
     mesh = MESHES[PYRAMID]
     pose = se3.inverse(looking_at(np.array([0.2, -0.3, 0.25]), np.zeros(3)))
     turned = Mesh(mesh.vertices, mesh.faces[:, ::-1].copy())
-    assert np.allclose(render_depth(turned, CAMERA, pose), render_depth(mesh, CAMERA, pose), atol=1e-6)
+    assert_close(render_depth(turned, CAMERA, pose), render_depth(mesh, CAMERA, pose), atol=1e-6)
 
 
 def test_what_reaches_behind_the_camera_is_clipped() -> None:
@@ -71,7 +72,7 @@ def test_what_reaches_behind_the_camera_is_clipped() -> None:
     found = render_depth(floor, CAMERA, np.eye(4))
     down = CAMERA.unproject(np.stack(np.meshgrid(np.zeros(1), np.arange(48.0)), axis=-1))[:, 0, 1]
     expected = np.where(down > 0.1 / 2.1, 0.1 / np.maximum(down, 1e-9), 0)
-    assert np.allclose(found, expected[:, None] * np.ones(64), atol=1e-5)
+    assert_close(found, expected[:, None] * np.ones(64), atol=1e-5)
 
 
 def test_what_stands_nearer_than_the_near_plane_is_not_drawn() -> None:

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import kstest
 
 from multicam.geometry import so3
+from tests.close import assert_close
 from tests.strategies import Array, arrays, directions, rotation_vectors, rotations, seeds
 
 STEP = 1e-6
@@ -17,23 +18,23 @@ STEP = 1e-6
 @given(rotation_vectors())
 def test_exp_gives_a_rotation_that_scipy_agrees_with(omega: Array) -> None:
     rotation = so3.exp(omega)
-    assert np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-13)
+    assert_close(rotation @ rotation.T, np.eye(3), atol=1e-13)
     assert np.isclose(np.linalg.det(rotation), 1)
-    assert np.allclose(rotation, Rotation.from_rotvec(omega).as_matrix(), atol=1e-13)
+    assert_close(rotation, Rotation.from_rotvec(omega).as_matrix(), atol=1e-13)
 
 
 @given(rotations(), rotations(), rotations())
 def test_rotations_are_a_group(a: Array, b: Array, c: Array) -> None:
     product = a @ b
-    assert np.allclose(so3.project(product), product, atol=1e-12)
-    assert np.allclose(product @ c, a @ (b @ c), atol=1e-13)
-    assert np.allclose(a @ so3.exp(-so3.log(a)), np.eye(3), atol=1e-11)
-    assert np.allclose(so3.exp(np.zeros(3)), np.eye(3), atol=0)
+    assert_close(so3.project(product), product, atol=1e-12)
+    assert_close(product @ c, a @ (b @ c), atol=1e-13)
+    assert_close(a @ so3.exp(-so3.log(a)), np.eye(3), atol=1e-11)
+    assert_close(so3.exp(np.zeros(3)), np.eye(3), atol=0)
 
 
 @given(rotation_vectors(np.pi - 1e-9))
 def test_log_returns_what_exp_was_given(omega: Array) -> None:
-    assert np.allclose(so3.log(so3.exp(omega)), omega, rtol=1e-9, atol=1e-12)
+    assert_close(so3.log(so3.exp(omega)), omega, rtol=1e-9, atol=1e-12)
 
 
 def test_no_digits_are_lost_on_the_way_to_zero() -> None:
@@ -44,15 +45,15 @@ def test_no_digits_are_lost_on_the_way_to_zero() -> None:
     assert np.abs(found / (angles * axis) - 1).max() < 1e-13
     # Turning by omega commutes with omega, so each Jacobian keeps it.
     for jacobian in (so3.left_jacobian, so3.left_jacobian_inverse):
-        assert np.allclose(jacobian(angles * axis) @ axis, axis, atol=1e-14)
-    assert np.allclose(so3.left_jacobian(angles * axis), _series(angles * axis), atol=1e-15)
+        assert_close(jacobian(angles * axis) @ axis, np.tile(axis, (2000, 1)), atol=1e-14)
+    assert_close(so3.left_jacobian(angles * axis), _series(angles * axis), atol=1e-15)
 
 
 @given(rotations())
 def test_exp_of_log_is_the_rotation_even_at_half_a_turn(rotation: Array) -> None:
     omega = so3.log(rotation)
     assert np.linalg.norm(omega) <= np.pi + 1e-12
-    assert np.allclose(so3.exp(omega), rotation, atol=1e-12)
+    assert_close(so3.exp(omega), rotation, atol=1e-12)
 
 
 @given(directions())
@@ -63,7 +64,7 @@ def test_half_a_turn_has_either_sign_of_its_axis(axis: Array) -> None:
 
 @given(arrays(3, 10), arrays(3, 10))
 def test_hat_is_the_cross_product_and_vee_undoes_it(a: Array, b: Array) -> None:
-    assert np.allclose(so3.hat(a) @ b, np.cross(a, b), atol=1e-12)
+    assert_close(so3.hat(a) @ b, np.cross(a, b), atol=1e-12)
     assert np.array_equal(so3.vee(so3.hat(a)), a)
 
 
@@ -81,19 +82,19 @@ def test_left_jacobian_matches_differences(omega: Array) -> None:
     columns = [
         so3.log(so3.exp(omega + STEP * axis) @ so3.exp(omega - STEP * axis).T) / (2 * STEP) for axis in np.eye(3)
     ]
-    assert np.allclose(so3.left_jacobian(omega), np.stack(columns, axis=-1), atol=1e-8)
+    assert_close(so3.left_jacobian(omega), np.stack(columns, axis=-1), atol=1e-8)
 
 
 @given(rotation_vectors())
 def test_left_jacobian_inverse_is_the_inverse(omega: Array) -> None:
-    assert np.allclose(so3.left_jacobian_inverse(omega) @ so3.left_jacobian(omega), np.eye(3), atol=1e-11)
+    assert_close(so3.left_jacobian_inverse(omega) @ so3.left_jacobian(omega), np.eye(3), atol=1e-11)
 
 
 @given(rotations(), arrays(9, 0.2), seeds())
 def test_projection_is_the_nearest_rotation(rotation: Array, noise: Array, rng: np.random.Generator) -> None:
     matrix = rotation + noise.reshape(3, 3)
     nearest = so3.project(matrix)
-    assert np.allclose(nearest @ nearest.T, np.eye(3), atol=1e-12)
+    assert_close(nearest @ nearest.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(nearest) > 0
     nudged = nearest @ so3.exp(rng.normal(scale=0.05, size=(50, 3)))
     distances = np.linalg.norm(nudged - matrix, axis=(-2, -1))
@@ -113,7 +114,7 @@ def test_batch_axes_lead(rng: np.random.Generator) -> None:
     rotation = so3.exp(omega)
     for function in (so3.log, so3.vee, so3.to_quaternion, so3.project):
         each = [[function(r) for r in row] for row in rotation]
-        assert np.allclose(function(rotation), np.array(each), atol=1e-15)
+        assert_close(function(rotation), np.array(each), atol=1e-15)
 
 
 def test_random_rotations_are_uniform() -> None:

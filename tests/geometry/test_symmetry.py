@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from multicam.geometry import se3, so3
 from multicam.geometry.symmetry import Axis, Symmetries, symmetric_distance
+from tests.close import assert_close
 from tests.strategies import Array, arrays, directions, seeds, transforms
 from tests.toy_objects import PEG, PLATE, PYRAMID, ROD, random_symmetry, toy_catalogue, toy_symmetries
 
@@ -63,7 +64,7 @@ def test_closest_is_at_least_as_close_as_any_sampled_symmetry(
 def test_closest_undoes_a_twin_exactly(obj_id: int, pose: Array, rng: np.random.Generator) -> None:
     symmetries = toy_symmetries()[obj_id]
     twin = pose @ random_symmetry(symmetries, rng)
-    assert np.allclose(twin @ symmetries.closest(pose, twin, 0.1), pose, atol=1e-9)
+    assert_close(twin @ symmetries.closest(pose, twin, 0.1), pose, atol=1e-9)
 
 
 @given(seeds())
@@ -72,8 +73,8 @@ def test_closest_takes_batches(rng: np.random.Generator) -> None:
     target, source = se3.random(rng, 2, 3), se3.random(rng, 2, 3)
     found = symmetries.closest(target, source, 0.1)
     assert found.shape == (2, 3, 4, 4)
-    assert np.allclose(found[1, 2], symmetries.closest(target[1, 2], source[1, 2], 0.1))
-    assert np.allclose(
+    assert_close(found[1, 2], symmetries.closest(target[1, 2], source[1, 2], 0.1))
+    assert_close(
         symmetries.closest(target, source[0, 0], 0.1)[1, 2], symmetries.closest(target[1, 2], source[0, 0], 0.1)
     )
 
@@ -89,7 +90,7 @@ def test_no_symmetry_leaves_only_the_identity(rng: np.random.Generator) -> None:
 def test_transforms_hold_every_product_once_and_the_identity_first(obj_id: int, count: int) -> None:
     found = toy_symmetries()[obj_id].transforms(steps=64)
     assert len(found) == count
-    assert np.allclose(found[0], np.eye(4))
+    assert_close(found[0], np.eye(4))
     gaps = np.abs(found[:, None] - found).max(axis=(-2, -1)) + np.eye(count)
     assert gaps.min() > 1e-3
     # A group: any product of two members is a member.
@@ -110,8 +111,8 @@ def test_an_axis_stays_where_it_is_while_the_rest_turns(
 ) -> None:
     axis = Axis(3 * direction, offset)
     turn = axis.rotation(np.asarray(angle))
-    assert np.allclose(se3.act(turn, offset + s * direction), offset + s * direction, atol=1e-12)
-    assert np.allclose(turn[:3, :3], so3.exp(angle * direction), atol=1e-12)
+    assert_close(se3.act(turn, offset + s * direction), offset + s * direction, atol=1e-12)
+    assert_close(turn[:3, :3], so3.exp(angle * direction), atol=1e-12)
 
 
 def test_a_mirror_image_and_a_zero_axis_are_refused() -> None:

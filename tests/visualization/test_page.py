@@ -62,7 +62,7 @@ def test_the_page_stands_alone_and_says_what_is_not_known(drawn, toy_recording):
 
 def test_the_judged_page_shows_errors_reasons_and_coverage(drawn, toy_recording):
     folder, run = drawn
-    errors = evaluate_run(run, toy_recording)
+    errors = evaluate_run(run, {}, toy_recording, SilentProgress())
     text = write_page(folder, run, toy_recording, errors, [], SilentProgress()).read_text()
     assert "<caption>Camera errors</caption>" in text
     assert f"{LEFT} in {HEADSET}" in text

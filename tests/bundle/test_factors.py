@@ -1,0 +1,122 @@
+"""Every factor against central differences, and its Gauss-Newton Hessian where the residual is zero."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+
+from multicam.bundle.factor import Linearization
+from multicam.bundle.keypoint import KeypointFactor
+from multicam.bundle.pose import PoseFactor
+from multicam.bundle.prior import CameraPrior
+from multicam.bundle.robust import Student
+from multicam.geometry import se3
+from tests.strategies import seeds, twists
+from tests.toy_world import CAMERA
+
+STEP = 1e-6
+KERNEL = Student(2.0, 6)
+ONE = np.zeros(1, dtype=np.int64)
+
+
+def numeric_gradient(linearize, pose: np.ndarray) -> np.ndarray:
+    """Central differences of the energy in the right tangent of one pose (1, 4, 4)."""
+    steps = STEP * np.eye(6)
+    return np.array(
+        [(linearize(se3.plus(pose, s)).energy - linearize(se3.plus(pose, -s)).energy)[0] / (2 * STEP) for s in steps]
+    )
+
+
+def numeric_hessian(linearize, pose: np.ndarray) -> np.ndarray:
+    """Central differences of the gradient."""
+    steps = STEP * np.eye(6)
+    return np.array(
+        [
+            (linearize(se3.plus(pose, s)).gradient - linearize(se3.plus(pose, -s)).gradient)[0] / (2 * STEP)
+            for s in steps
+        ]
+    )
+
+
+def information(rng: np.random.Generator) -> np.ndarray:
+    root = rng.normal(size=(1, 6, 6))
+    return root @ np.swapaxes(root, -1, -2) + np.eye(6)
+
+
+def assert_close(actual: np.ndarray, expected: np.ndarray) -> None:
+    assert np.allclose(actual, expected, atol=1e-5 * max(1.0, np.abs(expected).max()))
+
+
+@given(seeds(), twists(most=3.0, reach=1.0))
+def test_the_gradient_of_a_pose_factor_is_exact(rng: np.random.Generator, difference: np.ndarray) -> None:
+    observed = se3.random(rng, 1)
+    factor = PoseFactor(ONE, ONE, observed, information(rng), KERNEL)
+    pose = se3.plus(observed, difference)
+    assert_close(factor.linearize(pose).gradient[0], numeric_gradient(factor.linearize, pose))
+
+
+@given(seeds(), twists(most=3.0, reach=1.0))
+def test_the_gradient_of_a_camera_prior_is_exact(rng: np.random.Generator, difference: np.ndarray) -> None:
+    expected = se3.random(rng, 1)
+    prior = CameraPrior(ONE, expected, information(rng))
+    pose = se3.plus(expected, difference)
+    assert_close(prior.linearize(pose).gradient[0], numeric_gradient(prior.linearize, pose))
+
+
+@given(seeds())
+def test_the_gradient_of_a_keypoint_factor_is_exact(rng: np.random.Generator) -> None:
+    factor, pose = keypoint_factor(rng, error=20.0)
+    assert_close(factor.linearize(pose).gradient[0], numeric_gradient(factor.linearize, pose))
+
+
+@given(seeds())
+def test_hessians_are_exact_where_the_residual_vanishes(rng: np.random.Generator) -> None:
+    observed = se3.random(rng, 1)
+    pose_factor = PoseFactor(ONE, ONE, observed, information(rng), KERNEL)
+    prior = CameraPrior(ONE, observed, information(rng))
+    keypoints, pose = keypoint_factor(rng, error=0.0)
+    for linearize, at in ((pose_factor.linearize, observed), (prior.linearize, observed), (keypoints.linearize, pose)):
+        local: Linearization = linearize(at)
+        assert local.energy[0] == pytest.approx(0, abs=1e-12)
+        assert_close(local.hessian[0], numeric_hessian(linearize, at))
+
+
+def test_a_keypoint_error_counts_in_standard_deviations() -> None:
+    factor, pose = keypoint_factor(np.random.default_rng(0), error=0.0)
+    shifted = KeypointFactor(
+        ONE,
+        ONE,
+        factor.point,
+        factor.pixel + np.array([[3.0, -8.0]]),
+        np.array([[1.5, 2.0]]),
+        factor.camera_matrix,
+        KERNEL,
+    )
+    assert shifted.linearize(pose).energy[0] == pytest.approx((2**2 + 4**2) / 2)
+
+
+def test_the_energy_of_a_pose_is_half_its_squared_mahalanobis_distance() -> None:
+    covariance = np.diag([0.1, 0.1, 0.1, 0.01, 0.01, 0.02]) ** 2
+    factor = PoseFactor(ONE, ONE, np.eye(4)[None], np.linalg.inv(covariance)[None], KERNEL)
+    assert factor.linearize(se3.exp(np.array([[0, 0, 0, 0.01, 0, 0.06]]))).energy[0] == pytest.approx((1 + 9) / 2)
+
+
+def test_student_grows_as_the_logarithm_of_gross_errors_and_weighs_them_down() -> None:
+    kernel = Student(tail=2.0, dimension=6)
+    squared = np.array([0.0, 6.0, 1e6])
+    assert kernel.energy(squared)[0] == 0
+    assert kernel.weight(squared).tolist() == pytest.approx([4.0, 1.0, 8e-6], rel=1e-5)
+    step = 1e-4
+    slope = (kernel.energy(squared + step) - kernel.energy(squared)) / step
+    assert slope == pytest.approx(kernel.weight(squared) / 2, rel=1e-3)
+
+
+def keypoint_factor(rng: np.random.Generator, error: float) -> tuple[KeypointFactor, np.ndarray]:
+    """One keypoint of an object about 0.8 m before a camera, and the pose at which it is seen."""
+    pose = se3.exp(np.concatenate((rng.normal(size=3), [0, 0, 0])))[None]
+    pose[0, :3, 3] = [0.05, -0.03, 0.8]
+    point = 0.05 * rng.normal(size=(1, 3))
+    pixel = CAMERA.project(se3.act(pose, point)[0]) + error * rng.normal(size=(1, 2))
+    std = rng.uniform(1, 3, size=(1, 2))
+    return KeypointFactor(ONE, ONE, point, pixel, std, CAMERA.matrix[None], Student(2.0, 2)), pose
