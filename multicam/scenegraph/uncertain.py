@@ -14,7 +14,7 @@ from multicam.geometry import se3
 from multicam.types import FloatArray
 
 _ITERATIONS = 20
-_CONVERGED = 1e-10
+_CONVERGED = 1e-8
 
 
 @dataclass(frozen=True, eq=False)

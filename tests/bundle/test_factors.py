@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 
 from multicam.bundle.factor import Linearization
 from multicam.bundle.keypoint import KeypointFactor
@@ -70,6 +70,7 @@ def test_the_gradient_of_a_keypoint_factor_is_exact(rng: np.random.Generator) ->
     assert_close(factor.linearize(pose).gradient[0], numeric_gradient(factor.linearize, pose))
 
 
+@settings(max_examples=30)
 @given(seeds())
 def test_hessians_are_exact_where_the_residual_vanishes(rng: np.random.Generator) -> None:
     observed = se3.random(rng, 1)

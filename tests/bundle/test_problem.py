@@ -176,7 +176,7 @@ def test_the_noise_scale_follows_the_residuals(rng: np.random.Generator, factor:
         scales.append(task.noise_scale(minimize(task, state, LevenbergConfig()).state))
     assert min(scales) >= 1
     # Gaussian noise looks smaller to a heavy-tailed kernel, and some numbers always speak for the stated noise.
-    assert np.median(scales) == pytest.approx(factor, rel=0.4)
+    assert 0.6 * factor <= np.median(scales) < 2 * factor
 
 
 def test_a_prior_replaces_the_fixed_camera(rng: np.random.Generator) -> None:

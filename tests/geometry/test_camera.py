@@ -106,10 +106,27 @@ def test_a_scaled_camera_sees_what_resize_draws(factor: float, mode: int, size: 
     assert blob_centre(drawn) == pytest.approx(scaled.project(point), abs=0.02)
 
 
-@given(cameras(distorted=True), st.floats(0.2, 3), seeds())
-def test_scaling_there_and_back_changes_nothing(camera: Camera, factor: float, rng: np.random.Generator) -> None:
+@given(cameras(distorted=True), seeds())
+def test_pixels_far_outside_the_image_break_nothing(camera: Camera, rng: np.random.Generator) -> None:
+    pixels = rng.uniform(-2, 3, (200, 2)) * [camera.width, camera.height]
+    assert np.isfinite(camera.undistort_pixels(pixels)).all()
+
+
+def test_a_model_at_its_fold_breaks_nothing() -> None:
+    """At radius 1 / sqrt(3 * 0.3) this lens turns back: the derivative is zero there."""
+    lens = (-0.3, 0.0, 0.0, 0.0)
+    radius = np.linspace(0, 3, 301)
+    points = np.column_stack((radius, np.zeros(301)))
+    assert np.isfinite(undistort(points, lens)).all()
+    assert np.isfinite(undistort(distort(points, lens), lens)).all()
+    inside = radius < 0.95
+    assert_close(undistort(distort(points, lens), lens)[inside], points[inside], atol=1e-9)
+
+
+@given(cameras(), distortions(), st.floats(0.2, 3))
+def test_scaling_there_and_back_changes_nothing(camera: Camera, distortion: tuple[float, ...], factor: float) -> None:
+    assert Camera(camera.matrix, camera.width, camera.height, distortion).scaled(factor).distortion == distortion
     there = camera.scaled(factor)
-    assert there.distortion == camera.distortion
     assert_close(there.scaled(1 / factor).matrix, camera.matrix, atol=1e-9)
     # The corner of the image, half a pixel outside the first centre, stays the corner.
     corner = np.array([-0.5, -0.5])

@@ -56,7 +56,7 @@ def test_fusing_does_not_depend_on_the_order(pose, seed):
     a = UncertainPose(pose, covariance(rng))
     b = UncertainPose(se3.plus(pose, 0.05 * rng.normal(size=6)), covariance(rng))
     one, other = fuse(a, b), fuse(b, a)
-    np.testing.assert_allclose(se3.minus(one.pose, other.pose), 0, atol=1e-9)
+    np.testing.assert_allclose(se3.minus(one.pose, other.pose), 0, atol=1e-7)
     np.testing.assert_allclose(one.covariance, other.covariance, rtol=1e-5, atol=1e-14)
 
 
@@ -67,7 +67,7 @@ def test_moving_the_world_moves_the_fused_pose_along(pose, shift, seed):
     a = UncertainPose(pose, covariance(rng))
     b = UncertainPose(se3.plus(pose, 0.05 * rng.normal(size=6)), covariance(rng))
     moved = fuse(UncertainPose(shift @ a.pose, a.covariance), UncertainPose(shift @ b.pose, b.covariance))
-    np.testing.assert_allclose(moved.pose, shift @ fuse(a, b).pose, atol=1e-7)
+    np.testing.assert_allclose(moved.pose, shift @ fuse(a, b).pose, atol=1e-6)
 
 
 @settings(max_examples=30)
