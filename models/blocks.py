@@ -14,9 +14,7 @@ class ConvBlock(nn.Module):
         self, inputs: int, outputs: int, kernel: int, stride: int = 1, groups: int = 1, activate: bool = True
     ) -> None:
         super().__init__()
-        self.conv = nn.Conv2d(
-            inputs, outputs, kernel, stride, padding=(kernel - 1) // 2, groups=groups, bias=False
-        )
+        self.conv = nn.Conv2d(inputs, outputs, kernel, stride, padding=(kernel - 1) // 2, groups=groups, bias=False)
         self.norm: nn.Module = nn.BatchNorm2d(outputs, eps=1e-3, momentum=0.03)
         self.activation = nn.SiLU(inplace=True) if activate else nn.Identity()
 
@@ -54,9 +52,7 @@ class Bottleneck(nn.Module):
 class CspBlock(nn.Module):
     """Cross-stage partial block: half of the channels go through bottlenecks, half go past them."""
 
-    def __init__(
-        self, inputs: int, outputs: int, repeats: int, shortcut: bool = True, depthwise: bool = False
-    ) -> None:
+    def __init__(self, inputs: int, outputs: int, repeats: int, shortcut: bool = True, depthwise: bool = False) -> None:
         super().__init__()
         hidden = outputs // 2
         self.main = ConvBlock(inputs, hidden, 1)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
@@ -49,6 +51,7 @@ def toy_symmetries() -> dict[int, Symmetries]:
     }
 
 
+@cache
 def toy_catalogue() -> Catalogue:
     """The objects with box, diameter and eight keypoints; no files."""
     names = {1: "bracket", 2: "plate", 3: "peg", 4: "rod", 5: "pyramid", 6: "wedge"}

@@ -21,9 +21,7 @@ Labeller = Callable[[Picture, FloatArray, Region], Labels]
 def letterboxed(picture: Picture, width: int, height: int, label: Labeller) -> tuple[ImageArray, Labels]:
     """The whole picture fitted into the input, as the runtime does it."""
     letterbox = Letterbox.fit(picture.image.shape[1], picture.image.shape[0], width, height)
-    return letterbox.apply(picture.image), label(
-        picture, letterbox.input_from_source, Region(0, 0, width, height)
-    )
+    return letterbox.apply(picture.image), label(picture, letterbox.input_from_source, Region(0, 0, width, height))
 
 
 def warped(
@@ -62,9 +60,7 @@ def mosaic(
     return canvas, Labels.joined(parts)
 
 
-def cutout(
-    image: ImageArray, labels: Labels, donor: ImageArray, rng: np.random.Generator
-) -> tuple[ImageArray, Labels]:
+def cutout(image: ImageArray, labels: Labels, donor: ImageArray, rng: np.random.Generator) -> tuple[ImageArray, Labels]:
     """Hides up to three rectangles behind pieces of another picture; keypoints under them count as hidden."""
     image, visible = image.copy(), labels.visible.copy()
     height, width = image.shape[:2]

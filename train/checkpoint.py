@@ -117,9 +117,7 @@ def load_state(folder: Path) -> RunState:
         raise DataError(f"{path} is not the state of a run: {error}.") from error
 
 
-def restore(
-    folder: Path, model: nn.Module, average: MovingAverage, optimizer: torch.optim.Optimizer
-) -> RunState:
+def restore(folder: Path, model: nn.Module, average: MovingAverage, optimizer: torch.optim.Optimizer) -> RunState:
     """Loads a checkpoint into a freshly built run, random states included, and returns where it stands.
 
     Raises:

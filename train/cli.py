@@ -24,7 +24,8 @@ def main(argv: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    from multicam.cli import run as run_command
     import sys
+
+    from multicam.cli import run as run_command
 
     sys.exit(run_command(["train", *sys.argv[1:]]))

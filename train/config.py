@@ -63,14 +63,12 @@ class NetworkConfig:
                 f"every object needs the same number of keypoints, but they have {counts}; "
                 "write keypoints.json into the models folder."
             )
-        return ModelConfig(
-            len(counts), self.size, self.neck, next(iter(counts.values())), self.strides, self.bins
-        )
+        return ModelConfig(len(counts), self.size, self.neck, next(iter(counts.values())), self.strides, self.bins)
 
 
 @dataclass(frozen=True)
 class LossWeights:
-    """Weights of the losses; the defaults are those of the paper (FACTS 3.1)."""
+    """Weights of the losses; the defaults are those of the paper."""
 
     box: float = 5.0
     """1 - IoU^2 of the amodal box."""

@@ -49,9 +49,7 @@ def criterion(
         "likelihood": mean(likelihood_loss(dcc, keypoints, size)),
         "proxy": mean(proxy_loss(proxy, target, size, counted, config.oks_sigma)),
         "classes": mean(class_loss(raw.class_logits.float(), classes, _class_weight(raw, batch, classes))),
-        "visibility": mean(
-            visibility_loss(raw.visibility_logits[image, cell].float(), batch.visible[image, instance])
-        ),
+        "visibility": mean(visibility_loss(raw.visibility_logits[image, cell].float(), batch.visible[image, instance])),
     }
     if stage.weights.rays:
         points = batch.points[image, instance]
@@ -95,7 +93,7 @@ def _class_weight(raw: RawOutputs, batch: Batch, classes: Tensor) -> Tensor:
     return torch.where(ignored & (classes == 0), 0.0, 1.0)
 
 
-def _shared_mean(count: int, device: torch.device):  # noqa: ANN202
+def _shared_mean(count: int, device: torch.device):
     """A mean over the positives of all processes, so that their averaged gradients are those of one process."""
     processes = dist.get_world_size() if dist.is_initialized() else 1
     positives = torch.tensor(float(count), device=device)

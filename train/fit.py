@@ -33,7 +33,7 @@ log = logging.getLogger(__name__)
 
 
 def fit(config: TrainConfig, progress: Progress | None = None) -> RunState:
-    """Trains, or continues from `output/last` if so configured; the run's folder holds config.yaml, last/, best/ and tensorboard/.
+    """Trains, or continues from `output/last`; the run's folder holds config.yaml, last/, best/ and tensorboard/.
 
     Raises:
         MulticamError: unusable data, a run that is there already, a loss that is no longer finite.
@@ -78,9 +78,7 @@ class Run:
         self.average = MovingAverage(self.detector, config.ema_decay)
         self.optimizer = build_optimizer(self.detector, config.weight_decay)
         self.dataset, self.validation, self.objects = _datasets(config, self.catalogue, progress)
-        self.sampler = EpochSampler(
-            len(self.dataset), config.batch_size, config.seed, group.rank, group.processes
-        )
+        self.sampler = EpochSampler(len(self.dataset), config.batch_size, config.seed, group.rank, group.processes)
         self.state = RunState(0, 0, config.network.input_width, config.network.input_height)
 
     def resume(self, folder: Path) -> None:
@@ -187,9 +185,7 @@ class Run:
             self.board.scalars("train", losses, number)
 
     def _moved(self, epoch: int, step: int) -> None:
-        self.state = RunState(
-            **{**vars(self.state), "epoch": epoch, "step": step, "ema_updates": self.average.updates}
-        )
+        self.state = RunState(**{**vars(self.state), "epoch": epoch, "step": step, "ema_updates": self.average.updates})
 
     def _save(self, name: str) -> None:
         if self.group.leads:

@@ -149,7 +149,7 @@ def collate(samples: Sequence[tuple[ImageArray, Labels]]) -> Batch:
     """Pads the labels of several pictures to the same number of instances."""
     images = torch.from_numpy(np.stack([image for image, _ in samples])).permute(0, 3, 1, 2)
     labels = [label for _, label in samples]
-    most = max(1, max(len(label.classes) for label in labels))
+    most = max(1, *(len(label.classes) for label in labels))
 
     def padded(arrays: list[NDArray[np.generic]], dtype: torch.dtype) -> Tensor:
         out = torch.zeros((len(arrays), most, *arrays[0].shape[1:]), dtype=dtype)
@@ -180,5 +180,5 @@ def _ignore_signals(worker: int) -> None:
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
 
 
-def _label(objects: dict[int, TrainedObject], minimum_visible: float, picture: Picture, affine, region) -> Labels:  # noqa: ANN001
+def _label(objects: dict[int, TrainedObject], minimum_visible: float, picture: Picture, affine, region) -> Labels:
     return make_labels(picture, objects, affine, region, minimum_visible)

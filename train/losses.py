@@ -95,5 +95,3 @@ def _density(logits: Tensor, bins: Tensor, target: Tensor, sigma: Tensor, scale:
     """Expectation over the heat map of exp(-|target - bin| / scale) / sigma; (P, K)."""
     distance = (target[..., None] - bins[:, None]).abs()
     return (logits.softmax(dim=2) * torch.exp(-distance / scale[..., None])).sum(dim=2) / sigma
-
-

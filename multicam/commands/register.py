@@ -79,7 +79,7 @@ def register_groups(config: RegisterConfig, progress: Progress) -> str:
     groups = read_groups(config.groups)
     estimates = read_results(config.candidates)
     _refuse_unknown_classes(estimates, catalogue, config.candidates)
-    tasks = _tasks(groups, estimates, config.dataset / config.split)
+    tasks = list(_tasks(groups, estimates, config.dataset / config.split))
     summary = Summary()
     with _mapper(config.workers or os.cpu_count() or 1) as mapper:
         answers = mapper(partial(_register, catalogue, config.registration), tasks)

@@ -117,16 +117,26 @@ def distort(normalized: np.ndarray, coefficients: tuple[float, ...]) -> np.ndarr
 
 
 def undistort(distorted: np.ndarray, coefficients: tuple[float, ...]) -> np.ndarray:
-    """Inverse of `distort` by Newton steps with a numerical Jacobian; exact to 1e-12 inside the model's range."""
+    """Inverse of `distort` by Newton steps with a numerical Jacobian; exact to 1e-12 inside the model's range.
+
+    Far outside the image a model may reach no such point, or several; the answer there is finite, and no more.
+    """
     if not coefficients:
         return distorted
     estimate, step = distorted.copy(), 1e-7
     for _ in range(12):
         error = distort(estimate, coefficients) - distorted
-        columns = [
+        x_axis, y_axis = (
             (distort(estimate + step * axis, coefficients) - distort(estimate - step * axis, coefficients)) / (2 * step)
             for axis in np.eye(2)
-        ]
-        jacobian = np.stack(columns, axis=-1)
-        estimate = estimate - np.linalg.solve(jacobian, error[..., None])[..., 0]
+        )
+        determinant = _cross(x_axis, y_axis)
+        determinant = np.where(np.abs(determinant) > 1e-3, determinant, 1.0)
+        change = np.stack((_cross(error, y_axis), _cross(x_axis, error)), axis=-1) / determinant[..., None]
+        # Where the model folds over, a step knows no bounds.
+        estimate = estimate - np.clip(change, -0.5, 0.5)
     return estimate
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]

@@ -100,7 +100,7 @@ def _recognise(
     if not len(pairs):
         return len(fused) + np.arange(len(seen)), seen.frame_from_object
     everything = np.arange(len(pairs))
-    residual = pairs.residual(everything, np.broadcast_to(world_from_camera, pairs.pose.shape))
+    residual = se3.log(pairs.difference(everything, np.broadcast_to(world_from_camera, pairs.pose.shape)))
     information, determinant = invert(pairs.covariance + covariance)
     gain = likelihood.log_ratio(squared_norm(residual, information), determinant) + pairs.log_prior
     order = np.argsort(gain, kind="stable")

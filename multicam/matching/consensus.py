@@ -21,6 +21,9 @@ from multicam.types import FloatArray
 SAME_POSE = 22.46
 """Squared Mahalanobis distance (99.9 % of chi-square with 6 dof) up to which two refitted poses are one."""
 
+LARGEST_TURN = 1.0
+"""Attitudes, radians apart, that are never compared in full; spares most of the work, for most pairs are wrong."""
+
 
 @dataclass(frozen=True)
 class ConsensusConfig:
@@ -114,7 +117,9 @@ class _Round:
     ) -> _Round:
         """Compares; `covariance` is that of the poses where they do not stem from all that agrees with them."""
         owner, member = measurements.of_link(link)
-        residual = measurements.residual(member, pose[owner])
+        difference = measurements.difference(member, pose[owner])
+        near = np.trace(difference[:, :3, :3], axis1=-2, axis2=-1) > 1 + 2 * np.cos(LARGEST_TURN)
+        owner, member, residual = owner[near], member[near], se3.log(difference[near])
         if covariance is None:
             information, determinant = measurements.information[member], measurements.log_determinant[member]
         else:

@@ -59,15 +59,15 @@ class Measurements:
         start, stop = np.searchsorted(self.link, link), np.searchsorted(self.link, link, side="right")
         return ragged(start, stop - start)
 
-    def residual(self, member: IntArray, pose: FloatArray) -> FloatArray:
-        """(n, 6) log(pose^-1 measured) of measurements `member`, each turned about its axis to come closest."""
+    def difference(self, member: IntArray, pose: FloatArray) -> FloatArray:
+        """(n, 4, 4) pose^-1 measured of measurements `member`, each turned about its axis to come closest."""
         relative = se3.inverse(pose) @ self.pose[member]
         axis = self.axis[member]
         turning = np.any(axis, axis=-1)
         if np.any(turning):
             angle = closest_turn(relative[turning, :3, :3], axis[turning, :3])
             relative[turning] = relative[turning] @ se3.exp(angle[:, None] * axis[turning])
-        return se3.log(relative)
+        return relative
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,9 +19,12 @@ class LikelihoodConfig:
     clutter_volume: float = 0.1
     """Volume, cubic metres, over which estimates that belong to nothing spread; their attitudes are arbitrary."""
 
+    gate: float = 20.0
+    """Mahalanobis distance beyond which two estimates are never one object: a heavy tail alone would allow it."""
+
     def __post_init__(self) -> None:
-        if min(self.tail, self.clutter_volume) <= 0:
-            raise ValueError("tail and clutter_volume must be positive")
+        if min(self.tail, self.clutter_volume, self.gate) <= 0:
+            raise ValueError("tail, clutter_volume and gate must be positive")
 
     @property
     def log_clutter(self) -> float:
@@ -29,7 +32,7 @@ class LikelihoodConfig:
         return -float(np.log(8 * np.pi**2 * self.clutter_volume))
 
     def log_ratio(self, squared: FloatArray, log_determinant: FloatArray) -> FloatArray:
-        """Log of the ratio of the two densities of a pose difference.
+        """Log of the ratio of the two densities of a pose difference; minus infinity beyond the gate.
 
         Args:
             squared: r' C^-1 r of the six-dimensional residual r.
@@ -37,7 +40,7 @@ class LikelihoodConfig:
         """
         constant = gammaln((self.tail + 6) / 2) - gammaln(self.tail / 2) - 3 * np.log(self.tail * np.pi)
         student = constant - log_determinant / 2 - (self.tail + 6) / 2 * np.log1p(squared / self.tail)
-        return student - self.log_clutter
+        return np.where(squared <= self.gate**2, student - self.log_clutter, -np.inf)
 
     def weight(self, squared: FloatArray) -> FloatArray:
         """Weight of a residual in a least-squares step that raises the Student likelihood."""

@@ -24,10 +24,10 @@ from tests.strategies import Array, seeds, transforms
 
 def check(record: ImageRecord, picture: LabelledImage) -> None:
     """Holds a record equal to the picture that was written."""
-    assert record.camera_matrix is not None and record.camera_from_world is not None  # noqa: PT018
+    assert record.camera_matrix is not None and record.camera_from_world is not None
     assert_close(record.camera_matrix, picture.camera.matrix, atol=0)
     assert_close(record.camera_from_world, picture.camera_from_world, atol=1e-12)
-    assert record.rgb_path is not None and record.depth_path is not None  # noqa: PT018
+    assert record.rgb_path is not None and record.depth_path is not None
     difference = read_image(record.rgb_path).astype(int) - picture.image
     assert np.abs(difference).mean() < 3
     assert_close(read_depth(record.depth_path, record.depth_scale), picture.depth, atol=1e-6)

@@ -88,7 +88,9 @@ def test_decoding_keeps_the_best_cells_in_order_and_reads_their_own_keypoints() 
     best = raw.class_logits.sigmoid().amax(2).sort(dim=1, descending=True)
     assert torch.allclose(decoded.scores, best.values[:, :7])
     cell = int(best.indices[1, 3])
-    alone = detector.dcc(raw.pose_vectors[1, cell : cell + 1], raw.boxes[1, cell : cell + 1], raw.centres[cell : cell + 1])
+    alone = detector.dcc(
+        raw.pose_vectors[1, cell : cell + 1], raw.boxes[1, cell : cell + 1], raw.centres[cell : cell + 1]
+    )
     assert torch.allclose(decoded.keypoints[1, 3], alone.keypoints[0], atol=1e-3)
     assert torch.allclose(decoded.std[1, 3], alone.std[0], rtol=1e-3)
     assert decoded.labels[1, 3] == raw.class_logits[1, cell].argmax()

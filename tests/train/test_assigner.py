@@ -54,9 +54,7 @@ def test_iou_of_worked_boxes() -> None:
 
 
 def test_keypoint_similarity_of_a_worked_distance() -> None:
-    similarity = keypoint_similarity(
-        torch.tensor([[3.0, 4.0]]), torch.zeros(1, 2), torch.tensor(10.0), sigma=0.25
-    )
+    similarity = keypoint_similarity(torch.tensor([[3.0, 4.0]]), torch.zeros(1, 2), torch.tensor(10.0), sigma=0.25)
     # Tolerance 2 * 0.25 * 10 = 5 pixels, distance 5.
     assert similarity.item() == pytest.approx(math.exp(-0.5))
 

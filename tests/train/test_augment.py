@@ -26,7 +26,9 @@ def objects() -> dict[int, TrainedObject]:
     known = {}
     for index, (obj_id, model) in enumerate(catalogue.objects.items()):
         vertices = meshes[obj_id].vertices
-        view = canonical_view(model, se3.from_parts(so3.random(np.random.default_rng(0), 9), np.tile([0, 0, 1.0], (9, 1))))
+        view = canonical_view(
+            model, se3.from_parts(so3.random(np.random.default_rng(0), 9), np.tile([0, 0, 1.0], (9, 1)))
+        )
         known[obj_id] = TrainedObject(index, model, model.keypoints, outline_points(vertices), vertices, view)
     return known
 
@@ -96,7 +98,7 @@ def test_labels_of_a_symmetric_object_are_chosen_after_the_warp() -> None:
     assert np.allclose(turned.keypoints, straight.keypoints, atol=1e-6)
     # A shift keeps the choice, and the labels move with the pixels.
     shifted = label(made, np.array([[1.0, 0, 7], [0, 1, 3], [0, 0, 1]]), region)
-    assert np.allclose(shifted.keypoints, straight.keypoints + (7, 3))
+    assert np.allclose(shifted.keypoints, straight.keypoints + np.array([7, 3]))
 
 
 def test_pixels_and_labels_of_a_warp_agree() -> None:
@@ -110,9 +112,7 @@ def test_pixels_and_labels_of_a_warp_agree() -> None:
         seen.append(affine)
         return label(of, affine, region)
 
-    image, _ = warped(
-        Picture(made.record, canvas, None), 192, 160, AUGMENT, np.random.default_rng(5), remember
-    )
+    image, _ = warped(Picture(made.record, canvas, None), 192, 160, AUGMENT, np.random.default_rng(5), remember)
     weight = image[..., 0].astype(float) - 114
     ys, xs = np.mgrid[0:160, 0:192]
     found = np.array([(weight * xs).sum(), (weight * ys).sum()]) / weight.sum()

@@ -8,9 +8,7 @@ from models.detector import Detector
 from train.config import StageConfig, StagesConfig
 from train.optimizer import MovingAverage, build_optimizer, learning_rate
 
-STAGES = StagesConfig(
-    StageConfig(2, 1.0, 0.5), StageConfig(0, 9.0, 9.0), StageConfig(1, 0.3, 0.1)
-)
+STAGES = StagesConfig(StageConfig(2, 1.0, 0.5), StageConfig(0, 9.0, 9.0), StageConfig(1, 0.3, 0.1))
 
 
 def test_the_rate_falls_along_a_cosine_within_each_stage() -> None:

@@ -1,0 +1,110 @@
+from pathlib import Path
+
+import pytest
+import torch
+
+from models.config import ModelConfig
+from models.detector import Detector
+from multicam.errors import DataError, ModelError, MulticamError
+from tests.train.toy_pictures import toy_objects
+from train.checkpoint import RunState, find_checkpoint, load_state, load_weights, restore, save_checkpoint
+from train.optimizer import MovingAverage, build_optimizer
+
+CONFIG = ModelConfig(2, "nano", bins=16)
+
+
+def fresh(seed: int = 0, config: ModelConfig = CONFIG) -> tuple[Detector, MovingAverage, torch.optim.AdamW]:
+    torch.manual_seed(seed)
+    detector = Detector(config)
+    return detector, MovingAverage(detector, 0.9), build_optimizer(detector, 0.05)
+
+
+def step(detector: Detector, average: MovingAverage, optimizer: torch.optim.AdamW) -> None:
+    raw = detector(torch.rand(1, 3, 64, 64) * 255)
+    optimizer.zero_grad()
+    (raw.boxes.mean() + raw.class_logits.mean()).backward()
+    for group in optimizer.param_groups:
+        group["lr"] = 1e-3
+    optimizer.step()
+    average.update(detector)
+
+
+def save(folder: Path, run: tuple[Detector, MovingAverage, torch.optim.AdamW], state: RunState) -> None:
+    save_checkpoint(folder, *run, CONFIG, toy_objects()[0], state)
+
+
+def test_a_restored_run_continues_bit_by_bit(tmp_path: Path) -> None:
+    run = fresh()
+    step(*run)
+    save(tmp_path / "last", run, RunState(0, 1, 64, 64, ema_updates=1))
+    step(*run)
+    other = fresh(seed=5)
+    state = restore(tmp_path / "last", *other)
+    # The picture of the next step is random: it repeats only if the random state came back too.
+    step(*other)
+    assert state == RunState(0, 1, 64, 64, ema_updates=1)
+    for (name, a), b in zip(run[0].state_dict().items(), other[0].state_dict().values(), strict=True):
+        assert torch.equal(a, b), name
+    for a, b in zip(run[1].model.state_dict().values(), other[1].model.state_dict().values(), strict=True):
+        assert torch.equal(a, b)
+
+
+def test_export_gets_network_classes_and_averaged_weights(tmp_path: Path) -> None:
+    run = fresh()
+    step(*run)
+    save(tmp_path / "last", run, RunState(0, 1, 64, 64))
+    config, catalogue, weights = load_weights(tmp_path / "last")
+    assert config == CONFIG and catalogue.obj_ids == (2, 5)
+    assert catalogue[5].symmetries and not catalogue[2].symmetries
+    for name, tensor in run[1].model.state_dict().items():
+        assert torch.equal(weights[name], tensor)
+
+
+def test_nothing_in_a_checkpoint_is_pickled(tmp_path: Path) -> None:
+    run = fresh()
+    step(*run)
+    save(tmp_path / "last", run, RunState(0, 1, 64, 64))
+    names = {p.name for p in (tmp_path / "last").iterdir()}
+    assert names == {
+        "model.safetensors",
+        "ema.safetensors",
+        "training.safetensors",
+        "model.json",
+        "objects.json",
+        "state.json",
+    }
+
+
+def test_a_kill_while_a_checkpoint_is_replaced_loses_nothing(tmp_path: Path) -> None:
+    run = fresh()
+    save(tmp_path / "last", run, RunState(1, 0, 64, 64))
+    # Killed after the old one stepped aside, and with a half-written new one.
+    (tmp_path / "last").rename(tmp_path / ".last-old")
+    (tmp_path / ".last-new").mkdir()
+    assert find_checkpoint(tmp_path / "last") == tmp_path / "last"
+    assert load_state(tmp_path / "last").epoch == 1
+    save(tmp_path / "last", run, RunState(2, 0, 64, 64))
+    assert load_state(tmp_path / "last").epoch == 2
+    assert [p.name for p in tmp_path.iterdir()] == ["last"]
+
+
+def test_another_network_is_refused_in_one_sentence(tmp_path: Path) -> None:
+    save(tmp_path / "last", fresh(), RunState(0, 0, 64, 64))
+    with pytest.raises(ModelError, match="holds another network"):
+        restore(tmp_path / "last", *fresh(config=ModelConfig(3, "nano", bins=16)))
+
+
+@pytest.mark.parametrize("name", ["model.safetensors", "state.json", "training.safetensors", "model.json"])
+def test_a_damaged_file_is_named(tmp_path: Path, name: str) -> None:
+    save(tmp_path / "last", fresh(), RunState(0, 0, 64, 64))
+    path = tmp_path / "last" / name
+    path.write_bytes(path.read_bytes()[:20])
+    with pytest.raises(MulticamError, match=name):
+        restore(tmp_path / "last", *fresh())
+        load_weights(tmp_path / "last")
+
+
+def test_a_folder_without_checkpoint_is_no_checkpoint(tmp_path: Path) -> None:
+    assert find_checkpoint(tmp_path / "last") is None
+    with pytest.raises(DataError, match="does not exist"):
+        load_weights(tmp_path / "last")
