@@ -7,12 +7,11 @@ import pytest
 
 from multicam.geometry import se3
 from multicam.geometry.mesh import Mesh
-from multicam.geometry.symmetry import Symmetries, symmetric_distance
 from multicam.types import Component, PlacedCamera, PlacedObject, View
 from tests.close import assert_close
 from tests.toy_objects import BRACKET, random_symmetry, toy_meshes, toy_symmetries
 from tests.toy_walk import HEADSET, LEFT, RIGHT, make_walk
-from tests.toy_world import ToyWorld, camera_error, make_world, object_errors
+from tests.toy_world import ToyWorld, camera_error, distance_to_nearest, make_world, object_errors
 
 
 @pytest.mark.parametrize("obj_id", toy_meshes())
@@ -74,7 +73,10 @@ def test_error_helpers_ignore_the_gauge_and_see_a_displacement(rng: np.random.Ge
     world = make_world(rng)
     gauge, zero = se3.random(rng), np.zeros((6, 6))
     cameras = tuple(PlacedCamera(c.camera_id, gauge @ c.world_from_camera, zero) for c in world.cameras)
-    objects = tuple(PlacedObject(o.obj_id, 1.0, gauge @ o.world_from_object, zero) for o in world.objects)
+    objects = tuple(
+        PlacedObject(o.obj_id, 1.0, gauge @ o.world_from_object @ twin(world, o.obj_id, rng), zero)
+        for o in world.objects
+    )
     exact = Component(cameras, objects)
     assert camera_error(world.world_from_camera, exact) == pytest.approx((0, 0), abs=1e-7)
     assert object_errors(world, exact) == pytest.approx([0] * 6, abs=1e-9)
@@ -105,16 +107,17 @@ def test_tracking_follows_the_truth_unless_it_drifts(rng: np.random.Generator) -
     )
 
 
+def twin(world: ToyWorld, obj_id: int, rng: np.random.Generator) -> np.ndarray:
+    return random_symmetry(world.catalogue[obj_id].symmetries, rng)
+
+
 def distances_to_truth(world: ToyWorld, world_from_camera: np.ndarray, view: View) -> np.ndarray:
-    """For each estimate the least symmetric distance to a true object of its class, continuous angles resolved."""
+    """For each estimate the symmetric distance to the nearest true object of its class."""
     distances: list[float] = []
     for estimate in view.estimates:
-        model = world.catalogue[estimate.obj_id]
-        pose = world_from_camera @ estimate.camera_from_object
         truths = np.stack([o.world_from_object for o in world.objects if o.obj_id == estimate.obj_id])
-        twin = model.symmetries.closest(truths, np.broadcast_to(pose, truths.shape), model.diameter / 2)
-        identity = Symmetries().transforms()
-        distances.append(float(symmetric_distance(pose @ twin, truths, identity, model.box_corners()).min()))
+        pose = world_from_camera @ estimate.camera_from_object
+        distances.append(distance_to_nearest(pose, truths, world.catalogue[estimate.obj_id]))
     return np.array(distances)
 
 

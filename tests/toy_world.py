@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from multicam.dataset.objects import Catalogue
+from multicam.dataset.objects import Catalogue, ObjectModel
 from multicam.geometry import se3, so3
 from multicam.geometry.camera import Camera
 from multicam.geometry.symmetry import symmetric_distance
@@ -196,6 +196,12 @@ def camera_error(true_poses: Mapping[str, FloatArray], component: Component) -> 
     return max(e[0] for e in errors), max(e[1] for e in errors)
 
 
+def distance_to_nearest(pose: FloatArray, truths: FloatArray, model: ObjectModel) -> float:
+    """Symmetric distance (m) of a pose to the nearest of the true ones (n, 4, 4); continuous angles are exact."""
+    twins = pose @ model.symmetries.closest(truths, pose, model.diameter / 2)
+    return float(symmetric_distance(twins, truths, model.symmetries.transforms(), model.box_corners()).min())
+
+
 def object_errors(world: ToyWorld, component: Component) -> list[float]:
     """For each placed object its symmetric distance (m) to the closest true object of its class."""
     gauge = component.cameras[0]
@@ -204,9 +210,5 @@ def object_errors(world: ToyWorld, component: Component) -> list[float]:
     for placed in component.objects:
         model = world.catalogue[placed.obj_id]
         truths = np.stack([o.world_from_object for o in world.objects if o.obj_id == placed.obj_id])
-        pose = true_from_world @ placed.world_from_object
-        distances = symmetric_distance(
-            np.broadcast_to(pose, truths.shape), truths, model.symmetries.transforms(), model.box_corners()
-        )
-        errors.append(float(distances.min()))
+        errors.append(distance_to_nearest(true_from_world @ placed.world_from_object, truths, model))
     return errors
