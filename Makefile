@@ -13,7 +13,7 @@ export MULTICAM_DATA ?= $(CURDIR)/data
 # Shared libraries that `import bpy` loads on a bare Debian or Ubuntu.
 BPY_LIBRARIES := libxrender1 libxi6 libxkbcommon0 libxfixes3 libsm6 libgl1 libegl1
 
-.PHONY: help demo test check lint types contracts e2e wheel benchmark system-libraries clean
+.PHONY: help demo test check lint types contracts e2e wheel system-libraries clean
 
 help:
 	@echo "make demo       the shipped network on the shipped recording (light install, a few minutes)"
@@ -21,7 +21,6 @@ help:
 	@echo "make check      lint, types, import contracts and tests, as the gate runs them"
 	@echo "make e2e        CAD models -> renders -> training -> ONNX -> run -> evaluate, resumable"
 	@echo "make wheel      build the wheel and try it in an empty environment"
-	@echo "make benchmark  the timing and accuracy tables of benchmarks/"
 
 demo: $(DEMO_VENV)/.ready
 	$(DEMO_VENV)/bin/multicam demo --output output/demo
@@ -74,9 +73,6 @@ e2e: $(VENV)/.ready
 
 wheel: $(VENV)/.ready
 	$(BIN)/python scripts/try_wheel.py
-
-benchmark: $(VENV)/.ready
-	$(BIN)/python benchmarks/registration.py
 
 clean:
 	rm -rf $(VENV) $(DEMO_VENV) dist build output .pytest_cache .ruff_cache
