@@ -13,6 +13,8 @@ from multicam.errors import DataError
 from multicam.geometry import se3
 from multicam.registration import RegistrationConfig, register_views
 from multicam.registration.config import PlacementConfig
+from multicam.registration.links import Link
+from multicam.registration.placement import seed
 from multicam.types import Component, ObjectEstimate, Registration, View
 from tests.strategies import seeds
 from tests.toy_objects import BRACKET, PEG, PLATE, PYRAMID, ROD, WEDGE, random_symmetry, toy_catalogue
@@ -173,6 +175,8 @@ def test_supports_name_the_estimates(rng: np.random.Generator) -> None:
 
 def test_stated_covariances_hold(rng: np.random.Generator) -> None:
     inside: list[bool] = []
+    objects_inside: list[bool] = []
+    object_variance: list[float] = []
     for _ in range(30):
         world = make_world(rng, classes=(BRACKET, PLATE, WEDGE, ROD))
         views = world.views(rng, rotation_noise=0.02, translation_noise=0.004, with_detections=False)
@@ -182,7 +186,24 @@ def test_stated_covariances_hold(rng: np.random.Generator) -> None:
         for camera in component.cameras[1:]:
             error = se3.minus(se3.inverse(truth[first]) @ truth[camera.view_id], camera.world_from_camera)
             inside.append(error @ np.linalg.solve(camera.covariance, error) < 12.59)
+        for placed in component.objects:
+            if placed.obj_id in (BRACKET, WEDGE):
+                true_pose = next(o.world_from_object for o in world.objects if o.obj_id == placed.obj_id)
+                error = se3.minus(se3.inverse(truth[first]) @ true_pose, placed.world_from_object)
+                objects_inside.append(error @ np.linalg.solve(placed.covariance, error) < 12.59)
+                object_variance.append(float(np.trace(placed.covariance)))
     assert 0.85 < np.mean(inside) <= 1
+    assert 0.85 < np.mean(objects_inside) <= 1
+    assert np.mean(object_variance) < 0.9 * 3 * (0.02**2 + 0.004**2)
+
+
+def test_the_covariance_of_a_chain_agrees_with_sampling(rng: np.random.Generator) -> None:
+    poses, spread = se3.random(rng, 2), np.diag([2e-3] * 3 + [1e-3] * 3)
+    links = [Link(n, n + 1, poses[n], spread**2, 9.0, 3, None) for n in range(2)]
+    placement = seed(links[0]).extended(links[1])
+    samples = se3.plus(poses[:, None], rng.normal(size=(2, 20_000, 6)) @ spread)
+    deviation = se3.minus(samples[0] @ samples[1], placement.world_from_camera[2])
+    assert np.allclose(np.cov(deviation.T), placement.covariance[2], atol=0.03 * placement.covariance[2].max())
 
 
 def test_no_view_or_one_view_or_blind_views_are_answered(rng: np.random.Generator) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -143,6 +145,32 @@ def test_the_energy_never_rises(rng: np.random.Generator) -> None:
     energies = minimize(problem(rng, state, noise=3.0, gross=3), disturbed(rng, state, 0.2), LevenbergConfig()).energies
     assert len(energies) > 1
     assert np.all(np.diff(energies) <= 0)
+
+
+def test_a_step_that_overshoots_is_taken_back_and_damped() -> None:
+    class Overshooting:
+        """Energy log cosh x, whose Newton step leaps ever further over the minimum from beyond 1.1."""
+
+        def linearize(self, state: float) -> tuple[float, Slope]:
+            return float(np.log(np.cosh(state))), Slope(np.tanh(state), np.cosh(state) ** -2)
+
+        def retract(self, state: float, step: np.ndarray) -> float:
+            return state + float(step[0])
+
+    found = minimize(Overshooting(), 2.0, LevenbergConfig(iterations=100, tolerance=1e-9))
+    assert abs(found.state) < 1e-8
+    assert np.all(np.diff(found.energies) <= 0)
+
+
+@dataclass(frozen=True)
+class Slope:
+    """Derivatives of a function of one number."""
+
+    gradient: float
+    curvature: float
+
+    def solve(self, damping: float) -> np.ndarray:
+        return np.array([-self.gradient / (self.curvature * (1 + damping))])
 
 
 def test_gross_errors_hardly_move_the_answer(rng: np.random.Generator) -> None:

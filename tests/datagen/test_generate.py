@@ -124,10 +124,10 @@ def test_a_killed_run_continues_with_the_same_labels(rendered: Path, models: Pat
     process = subprocess.Popen(command, cwd=ROOT, env=environment, stderr=subprocess.DEVNULL)
     first = output / "train" / "000000" / "scene_gt.json"
     deadline = time.monotonic() + 300
-    while not (first.is_file() and len(read_json(first)) >= 2):
+    while not first.is_file():
         assert process.poll() is None, "the run ended before it could be killed"
         assert time.monotonic() < deadline
-        time.sleep(0.01)
+        time.sleep(0.002)
     process.send_signal(signal.SIGKILL)
     process.wait()
     assert len(records(output)) < 6
