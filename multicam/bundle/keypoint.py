@@ -39,7 +39,7 @@ class KeypointFactor:
     kernel: Student
 
     def linearize(self, camera_from_object: FloatArray) -> Linearization:
-        """See EdgeFactor. dr/dxi = J_pi R [-hat(X), I] (FACTS 8.4)."""
+        """See EdgeFactor. dr/dxi = J_pi R [-hat(X), I]."""
         rotation = camera_from_object[:, :3, :3]
         in_camera = apply(rotation, self.point) + camera_from_object[:, :3, 3]
         depth = np.maximum(in_camera[:, 2], NEAR)

@@ -1,7 +1,7 @@
 """Cameras and objects that vary together: from factors to one damped Gauss-Newton step, and to covariances.
 
 Edges know only camera_from_object. Moving the camera by xi on the right moves that pose, seen from the object, by
--Ad(object_from_camera) xi (FACTS 5.6), so each edge adds [[H, H J], [J' H, J' H J]] and [g; J' g] with
+-Ad(object_from_camera) xi, so each edge adds [[H, H J], [J' H, J' H J]] and [g; J' g] with
 J = -Ad(object_from_camera). No edge ties two objects: their blocks are eliminated one by one (Schur complement).
 """
 

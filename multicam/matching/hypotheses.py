@@ -1,7 +1,7 @@
 """Relative poses of two frames from pairs of objects of one class, symmetries included.
 
 If a reference frame A and a query frame B hold poses of one object, `A_from_object @ S @ inverse(B_from_object)`
-measures A_from_B for one symmetry S of the object; its covariance is that of FACTS 8.2. A continuous symmetry leaves a
+measures A_from_B for one symmetry S of the object; its covariance: docs/registration.md. A continuous symmetry leaves a
 turn about its axis open: the measurement is then a family `pose @ exp(angle * axis)`, and a second object tells the
 angle.
 """

@@ -90,7 +90,7 @@ def test_the_joint_hessian_is_exact_at_the_truth(rng: np.random.Generator) -> No
 
 @given(seeds())
 def test_a_camera_moved_on_the_left_needs_the_other_adjoint(rng: np.random.Generator) -> None:
-    """FACTS 5.6: right variation -Ad(object_from_camera), left variation -Ad(object_from_world)."""
+    """Right variation -Ad(object_from_camera), left variation -Ad(object_from_world)."""
     camera, obj, xi = se3.random(rng), se3.random(rng), 1e-6 * rng.normal(size=6)
     before = se3.inverse(camera) @ obj
     right = se3.inverse(se3.plus(camera, xi)) @ obj
@@ -120,7 +120,7 @@ def test_marginal_covariances_agree_with_the_dense_inverse(rng: np.random.Genera
 
 
 def test_the_toy_problem_is_solved_within_two_millimetres_in_five_iterations(rng: np.random.Generator) -> None:
-    # FACTS 5.6: three cameras, four objects, one camera fixed, start 36 mm away.
+    # Three cameras, four objects, one camera fixed, start 36 mm away.
     for _ in range(30):
         state = truth(rng)
         task = problem(rng, state, noise=0.02)

@@ -41,7 +41,7 @@ def test_an_inverted_covariance_is_what_sampling_gives(rng):
 
 
 def test_relative_pose_through_an_object_has_the_covariance_of_the_fact_sheet(rng):
-    # FACTS 8.2 with S = 1: Ad(T_bO) (Cov_aO + Cov_bO) Ad(T_bO)^T.
+    # With S = 1: Ad(T_bO) (Cov_aO + Cov_bO) Ad(T_bO)^T.
     a = UncertainPose(se3.random(rng), covariance(rng))
     b = UncertainPose(se3.random(rng), covariance(rng))
     adjoint = se3.adjoint(b.pose)
