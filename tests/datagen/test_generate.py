@@ -124,7 +124,7 @@ def test_a_killed_run_continues_with_the_same_labels(rendered: Path, models: Pat
     process = subprocess.Popen(command, cwd=ROOT, env=environment, stderr=subprocess.DEVNULL)
     first = output / "train" / "000000" / "scene_gt.json"
     deadline = time.monotonic() + 300
-    while not first.is_file():
+    while not (first.is_file() and read_json(first)):
         assert process.poll() is None, "the run ended before it could be killed"
         assert time.monotonic() < deadline
         time.sleep(0.002)
