@@ -257,6 +257,8 @@ def test_help_shows_the_options_and_ends_with_code_0(capsys: pytest.CaptureFixtu
 def test_a_fault_in_the_file_is_told_before_the_flags_are_read(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r'unknown key "solver.step" \(did you mean "steps"\?\)'):
         parse(Command, "--config", str(write(tmp_path, "solver: {step: 3}")))
+    with pytest.raises(ConfigError, match=r'unknown key "datast" \(did you mean "dataset"\?\)'):
+        parse(Command, "--config", str(write(tmp_path, "datast: data")))
     with pytest.raises(ConfigError, match=r"count: expected int, got 'x'"):
         parse(Command, "--config", str(write(tmp_path, "count: x")))
     with pytest.raises(ConfigError, match="--config needs a file"):

@@ -119,7 +119,7 @@ def distort(normalized: np.ndarray, coefficients: tuple[float, ...]) -> np.ndarr
 def undistort(distorted: np.ndarray, coefficients: tuple[float, ...]) -> np.ndarray:
     """Inverse of `distort` by Newton steps with a numerical Jacobian; exact to 1e-12 inside the model's range.
 
-    Far outside the image a model may reach no such point, or several; the answer there is finite, and no more.
+    Far outside the image a model may reach no such point, or several; the answer there means nothing.
     """
     if not coefficients:
         return distorted
@@ -131,10 +131,10 @@ def undistort(distorted: np.ndarray, coefficients: tuple[float, ...]) -> np.ndar
             for axis in np.eye(2)
         )
         determinant = _cross(x_axis, y_axis)
+        # Where the model folds over, a full step would know no bounds.
         determinant = np.where(np.abs(determinant) > 1e-3, determinant, 1.0)
         change = np.stack((_cross(error, y_axis), _cross(x_axis, error)), axis=-1) / determinant[..., None]
-        # Where the model folds over, a step knows no bounds.
-        estimate = estimate - np.clip(change, -0.5, 0.5)
+        estimate = estimate - change
     return estimate
 
 
