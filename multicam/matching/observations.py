@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from multicam.dataset.objects import Catalogue
+from multicam.errors import DataError
 from multicam.matching.arrays import BoolArray, IntArray
 from multicam.matching.noise import NoiseConfig, free_turns, geometric_covariance
 from multicam.types import FloatArray, View
@@ -50,7 +51,7 @@ def observe(views: Sequence[View], catalogue: Catalogue, config: NoiseConfig) ->
     The frame of an estimate is the index of its view; estimates keep their order.
 
     Raises:
-        DataError: an estimate of a class that the catalogue does not hold.
+        DataError: an estimate of a class that the catalogue does not hold, or with a covariance that is none.
     """
     flat = [(v, estimate) for v, view in enumerate(views) for estimate in view.estimates]
     models = [catalogue[estimate.obj_id] for _, estimate in flat]
@@ -61,9 +62,9 @@ def observe(views: Sequence[View], catalogue: Catalogue, config: NoiseConfig) ->
         corners = np.array([models[n].box_corners() for n in silent])
         focal = np.array([_focal(views[flat[n][0]], config) for n in silent])
         covariance[silent] += geometric_covariance(poses[silent], corners, focal, config)
-    for n, (_, estimate) in enumerate(flat):
+    for n, (view, estimate) in enumerate(flat):
         if estimate.covariance is not None:
-            covariance[n] += estimate.covariance
+            covariance[n] += _checked(estimate.covariance, estimate.obj_id, views[view].view_id)
     return PosedObjects(
         frame=np.array([v for v, _ in flat], dtype=np.int64),
         obj_id=np.array([e.obj_id for _, e in flat], dtype=np.int64),
@@ -71,6 +72,17 @@ def observe(views: Sequence[View], catalogue: Catalogue, config: NoiseConfig) ->
         frame_from_object=poses,
         covariance=covariance,
     )
+
+
+def _checked(covariance: FloatArray, obj_id: int, view_id: str) -> FloatArray:
+    try:
+        np.linalg.cholesky(covariance)
+    except np.linalg.LinAlgError as error:
+        raise DataError(
+            f"the estimate of object {obj_id} in view {view_id} states a covariance that is not positive definite; "
+            "state the variances of all six directions, or none at all."
+        ) from error
+    return covariance
 
 
 def _focal(view: View, config: NoiseConfig) -> float:

@@ -77,6 +77,12 @@ def test_an_unknown_class_is_named() -> None:
         observe((view,), toy_catalogue(), NoiseConfig())
 
 
+def test_a_covariance_without_a_direction_is_refused() -> None:
+    flat = ObjectEstimate(BRACKET, 1.0, np.eye(4), np.diag([1.0, 1, 1, 1, 1, 0]))
+    with pytest.raises(DataError, match="object 1 in view left"):
+        observe((View("left", (flat,)),), toy_catalogue(), NoiseConfig())
+
+
 def test_noise_must_be_positive() -> None:
     with pytest.raises(ValueError, match="positive"):
         NoiseConfig(pixel_std=0.0)
