@@ -29,19 +29,12 @@ class ConvBlock(nn.Module):
             self.norm = nn.Identity()
 
 
-def conv3x3(inputs: int, outputs: int, stride: int = 1, depthwise: bool = False, groups: int = 1) -> nn.Module:
-    """A 3x3 block; depthwise separable on request (one filter per channel, then a 1x1)."""
-    if not depthwise:
-        return ConvBlock(inputs, outputs, 3, stride, groups)
-    return nn.Sequential(ConvBlock(inputs, inputs, 3, stride, groups=inputs), ConvBlock(inputs, outputs, 1))
-
-
 class Bottleneck(nn.Module):
     """1x1 then 3x3, with a shortcut on request."""
 
-    def __init__(self, channels: int, shortcut: bool, depthwise: bool) -> None:
+    def __init__(self, channels: int, shortcut: bool) -> None:
         super().__init__()
-        self.layers = nn.Sequential(ConvBlock(channels, channels, 1), conv3x3(channels, channels, 1, depthwise))
+        self.layers = nn.Sequential(ConvBlock(channels, channels, 1), ConvBlock(channels, channels, 3))
         self.shortcut = shortcut
 
     def forward(self, x: Tensor) -> Tensor:
@@ -52,12 +45,12 @@ class Bottleneck(nn.Module):
 class CspBlock(nn.Module):
     """Cross-stage partial block: half of the channels go through bottlenecks, half go past them."""
 
-    def __init__(self, inputs: int, outputs: int, repeats: int, shortcut: bool = True, depthwise: bool = False) -> None:
+    def __init__(self, inputs: int, outputs: int, repeats: int, shortcut: bool = True) -> None:
         super().__init__()
         hidden = outputs // 2
         self.main = ConvBlock(inputs, hidden, 1)
         self.side = ConvBlock(inputs, hidden, 1)
-        self.bottlenecks = nn.Sequential(*(Bottleneck(hidden, shortcut, depthwise) for _ in range(repeats)))
+        self.bottlenecks = nn.Sequential(*(Bottleneck(hidden, shortcut) for _ in range(repeats)))
         self.merge = ConvBlock(2 * hidden, outputs, 1)
 
     def forward(self, x: Tensor) -> Tensor:

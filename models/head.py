@@ -8,7 +8,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from models.blocks import conv3x3
+from models.blocks import ConvBlock
 from models.config import ModelConfig
 
 _PRIOR = 0.01
@@ -36,16 +36,15 @@ class HeadLevel(nn.Module):
 
     def __init__(self, config: ModelConfig) -> None:
         super().__init__()
-        half, pose, depthwise = config.head_channels // 2, config.pose_channels, config.depthwise
+        half, pose = config.head_channels // 2, config.pose_channels
         self.classes = nn.Sequential(
-            conv3x3(half, half, depthwise=depthwise),
-            conv3x3(half, half, depthwise=depthwise),
+            ConvBlock(half, half, 3),
+            ConvBlock(half, half, 3),
             nn.Conv2d(half, config.num_classes, 1),
         )
-        later = 1 if depthwise else 3
         self.pose = nn.Sequential(
-            conv3x3(half, pose, depthwise=depthwise),
-            *(conv3x3(pose, pose, depthwise=depthwise, groups=8) for _ in range(later)),
+            ConvBlock(half, pose, 3),
+            *(ConvBlock(pose, pose, 3, groups=8) for _ in range(3)),
         )
         self.sizes = (4, 2 * config.num_keypoints, config.num_keypoints, config.pose_vector)
         self.outputs = nn.Conv2d(pose, sum(self.sizes), 1)

@@ -32,6 +32,9 @@ Task = tuple[ViewGroup, tuple[View, ...]]
 CHUNK = 8
 """Groups handed to a worker at a time."""
 
+NEAREST = 0.1
+"""Objects are seen from further than this share of their diameter; a thousandth of their distance is less."""
+
 
 @dataclass(frozen=True)
 class RegisterConfig:
@@ -79,6 +82,7 @@ def register_groups(config: RegisterConfig, progress: Progress) -> str:
     groups = read_groups(config.groups)
     estimates = read_results(config.candidates)
     _refuse_unknown_classes(estimates, catalogue, config.candidates)
+    _refuse_metres(estimates, catalogue, config.candidates)
     tasks = list(_tasks(groups, estimates, config.dataset / config.split))
     summary = Summary()
     with _mapper(config.workers or os.cpu_count() or 1) as mapper:
@@ -100,6 +104,19 @@ def _refuse_unknown_classes(estimates: Estimates, catalogue: Catalogue, path: Pa
             )
 
 
+def _refuse_metres(estimates: Estimates, catalogue: Catalogue, path: Path) -> None:
+    distances = [
+        float(np.linalg.norm(estimate.camera_from_object[:3, 3])) / catalogue[estimate.obj_id].diameter
+        for found in estimates.values()
+        for estimate in found
+    ]
+    if distances and float(np.median(distances)) < NEAREST:
+        raise DataError(
+            f"{path}: half of the objects are nearer to their camera than {np.median(distances):.2g} of their own "
+            "diameter; translations must be in millimetres (BOP format), are they in metres?"
+        )
+
+
 def _tasks(groups: Sequence[ViewGroup], estimates: Estimates, split: Path) -> Iterator[Task]:
     """Each group with its views; an image without estimates is a view that saw nothing."""
     matrices: dict[int, dict[int, FloatArray]] = {}
@@ -108,6 +125,11 @@ def _tasks(groups: Sequence[ViewGroup], estimates: Estimates, split: Path) -> It
         if scene not in matrices:
             folder = split / f"{scene:06d}"
             has_cameras = (folder / "scene_camera.json").is_file()
+            if not has_cameras and scene not in {scene_id for scene_id, _ in estimates}:
+                raise DataError(
+                    f"group {group.group_id} names scene {scene}, of which there are neither estimates nor "
+                    f"{folder / 'scene_camera.json'}."
+                )
             matrices[scene] = read_camera_matrices(folder) if has_cameras else {}
         yield (
             group,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ import pytest
 from multicam.cli import run
 from multicam.commands.register import RegisterConfig, register_groups
 from multicam.config import load_config
-from multicam.dataset.results import write_results
+from multicam.dataset.results import read_results, write_results
 from multicam.geometry import se3
 from multicam.progress import SilentProgress
 from tests.toy_objects import toy_catalogue
@@ -209,6 +210,29 @@ def test_models_in_metres_are_refused(dataset: Path, capsys: pytest.CaptureFixtu
     info["1"]["diameter"] /= 1000
     write(dataset / "models" / "models_info.json", info)
     assert "millimetres" in refused(capsys, dataset)
+
+
+def test_estimates_in_metres_are_refused(dataset: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = dataset.parent / "results.csv"
+    rows = [
+        (
+            scene,
+            image,
+            replace(
+                e, camera_from_object=se3.from_parts(e.camera_from_object[:3, :3], e.camera_from_object[:3, 3] / 1000)
+            ),
+            -1.0,
+        )
+        for (scene, image), found in read_results(path).items()
+        for e in found
+    ]
+    write_results(path, rows)
+    assert "are they in metres?" in refused(capsys, dataset)
+
+
+def test_a_group_of_an_unknown_scene_is_refused(dataset: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write(dataset.parent / "groups.json", {"groups": [{"group_id": 5, "scene_id": 44, "im_ids": [1, 2]}]})
+    assert "group 5 names scene 44" in refused(capsys, dataset)
 
 
 def test_a_negative_number_of_workers_is_refused(dataset: Path, capsys: pytest.CaptureFixture[str]) -> None:

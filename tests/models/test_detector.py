@@ -96,8 +96,8 @@ def test_decoding_keeps_the_best_cells_in_order_and_reads_their_own_keypoints() 
     assert decoded.labels[1, 3] == raw.class_logits[1, cell].argmax()
 
 
-def test_the_smallest_network_fits_into_a_few_megabytes() -> None:
-    assert count_parameters(build(ModelConfig(9, "nano"))) < 1.5e6
+def test_the_smallest_network_takes_about_ten_megabytes() -> None:
+    assert 4 * count_parameters(build(ModelConfig(9, "nano"))) < 10.5e6
 
 
 def test_unknown_sizes_and_strides_are_refused() -> None:
