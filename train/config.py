@@ -98,6 +98,9 @@ class StageConfig:
     """What the regressed keypoints follow: the labels, or the classifier where that is closer to the labels."""
     warp: bool = True
     """Geometric augmentation and mosaic."""
+    oks_sigma: float = 0.05
+    """Tolerance of OKS, as a share of the instance's size. With a small one every score of an untrained network is
+    nearly 0, and it learns neither classes nor keypoints; begin with a larger one where nothing is pretrained."""
     score_power: float = 0.5
     """The class score learns OKS to this power."""
     weights: LossWeights = field(default_factory=LossWeights)
@@ -120,6 +123,8 @@ class StagesConfig:
     def __post_init__(self) -> None:
         if self.epochs < 1 or min(stage.epochs for stage in self.all) < 0:
             raise ConfigError("the stages must have one epoch or more in all, and none a negative number.")
+        if not all(0 < stage.oks_sigma < 1 for stage in self.all):
+            raise ConfigError("oks_sigma lies between 0 and 1.")
 
     @property
     def all(self) -> tuple[StageConfig, StageConfig, StageConfig]:
@@ -201,8 +206,6 @@ class TrainConfig:
     """Greatest norm of the gradient."""
     ema_decay: float = 0.9998
     """Of the moving average of the weights, reached gradually."""
-    oks_sigma: float = 0.05
-    """Tolerance of OKS, as a share of the instance's size; smaller asks for more."""
     least_positives: int = 1
     """Cells that learn each instance, at least."""
     minimum_visible: float = 0.1
@@ -223,5 +226,5 @@ class TrainConfig:
     def __post_init__(self) -> None:
         if self.batch_size < 1 or self.workers < 0 or self.validate_every < 1 or self.least_positives < 1:
             raise ConfigError("batch_size, validate_every and least_positives start at 1, workers at 0.")
-        if not 0 < self.oks_sigma < 1 or not 0 <= self.ema_decay < 1:
-            raise ConfigError("oks_sigma lies between 0 and 1, ema_decay from 0 to below 1.")
+        if not 0 <= self.ema_decay < 1:
+            raise ConfigError("ema_decay lies from 0 to below 1.")

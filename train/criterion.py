@@ -29,7 +29,7 @@ def criterion(
     detector: Detector, raw: RawOutputs, batch: Batch, config: TrainConfig, stage: StageConfig
 ) -> dict[str, Tensor]:
     """Unweighted losses by the names in LossWeights, each a mean over the positive cells of all processes."""
-    matched = assign(raw, batch, config.oks_sigma, config.least_positives)
+    matched = assign(raw, batch, stage.oks_sigma, config.least_positives)
     image, cell = torch.nonzero(matched >= 0, as_tuple=True)
     instance = matched[image, cell]
     mean = _shared_mean(len(image), raw.boxes.device)
@@ -40,14 +40,14 @@ def criterion(
     proxy = raw.proxy[image, cell]
     target, counted = _proxy_target(dcc, proxy, keypoints, stage)
     judged = proxy if stage.proxy_target == "truth" else dcc.keypoints
-    similarity = keypoint_similarity(judged.detach(), keypoints, size, config.oks_sigma).mean(dim=1)
+    similarity = keypoint_similarity(judged.detach(), keypoints, size, stage.oks_sigma).mean(dim=1)
     classes = torch.zeros_like(raw.class_logits, dtype=torch.float32)
     classes[image, cell, batch.classes[image, instance]] = similarity.pow(stage.score_power).clamp(min=1e-3)
 
     losses = {
         "box": mean(box_loss(boxes, true_boxes)),
         "likelihood": mean(likelihood_loss(dcc, keypoints, size)),
-        "proxy": mean(proxy_loss(proxy, target, size, counted, config.oks_sigma)),
+        "proxy": mean(proxy_loss(proxy, target, size, counted, stage.oks_sigma)),
         "classes": mean(class_loss(raw.class_logits.float(), classes, _class_weight(raw, batch, classes))),
         "visibility": mean(visibility_loss(raw.visibility_logits[image, cell].float(), batch.visible[image, instance])),
     }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
+from collections import defaultdict
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -117,30 +118,33 @@ class Run:
         loader = training_loader(self.dataset, self.sampler, self.config.workers)
         started, first = time.monotonic(), self.state.step
         batches = self.progress.track(loader, f"epoch {epoch + 1}", total=len(self.sampler) - first)
-        losses: dict[str, float] = {}
+        sums: dict[str, float] = defaultdict(float)
         for step, batch in enumerate(batches, start=first):
             number = epoch * len(self.sampler) + step
-            tensors = self._step(learner, batch.to(self.group.device), stage, number)
-            if number % _LOG_EVERY == 0:
-                losses = {name: float(value.detach()) for name, value in tensors.items()}
-                self._log_step(losses, number)
+            losses = self._step(learner, batch.to(self.group.device), stage, number)
+            for name, value in losses.items():
+                sums[name] += value
+            if self.board and number % _LOG_EVERY == 0:
+                self.board.scalars("train", losses, number)
             self._moved(epoch, step + 1)
             if self.group.any(stop.given):
                 self._save("last")
                 log.info("stopped at epoch %d, step %d; --resume continues there", epoch + 1, step + 1)
                 raise KeyboardInterrupt
-        rate = (len(self.sampler) - first) * self.config.batch_size * self.group.processes
+        count = len(self.sampler) - first
+        rate = count * self.config.batch_size * self.group.processes / (time.monotonic() - started)
         self._moved(epoch + 1, 0)
-        self._finish_epoch(epoch, rate / (time.monotonic() - started), losses)
+        self._finish_epoch(epoch, rate, {name: value / max(count, 1) for name, value in sums.items()})
 
-    def _step(self, learner: nn.Module, batch: Batch, stage: StageConfig, number: int) -> dict[str, Tensor]:
+    def _step(self, learner: nn.Module, batch: Batch, stage: StageConfig, number: int) -> dict[str, float]:
         rate = learning_rate(self.config.stages, len(self.sampler), self.config.warmup_steps, number)
         for parameters in self.optimizer.param_groups:
             parameters["lr"] = rate
-        losses = learner(batch, stage)
-        loss = total(losses, stage)
+        tensors = learner(batch, stage)
+        loss = total(tensors, stage)
+        losses = dict(zip(tensors, torch.stack([value.detach() for value in tensors.values()]).tolist(), strict=True))
         if not torch.isfinite(loss):
-            values = ", ".join(f"{name} {float(value.detach()):.3g}" for name, value in losses.items())
+            values = ", ".join(f"{name} {value:.3g}" for name, value in losses.items())
             raise MulticamError(
                 f"the loss is no longer finite at step {number} ({values}); halve the learning rates "
                 "or set precision to fp32, and resume from the last checkpoint."
@@ -150,14 +154,14 @@ class Run:
         nn.utils.clip_grad_norm_(self.detector.parameters(), self.config.gradient_clip)
         self.optimizer.step()
         self.average.update(self.detector)
-        return losses | {"total": loss, "learning_rate": torch.tensor(rate)}
+        return losses | {"total": loss.item(), "learning_rate": rate}
 
     def _finish_epoch(self, epoch: int, pictures_per_second: float, losses: dict[str, float]) -> None:
         config = self.config
         due = (epoch + 1) % config.validate_every == 0 or epoch + 1 == config.stages.epochs
         if self.group.leads:
             text = " ".join(f"{name} {value:.3f}" for name, value in losses.items() if name != "learning_rate")
-            log.info("epoch %d: %.1f pictures/s, %s", epoch + 1, pictures_per_second, text)
+            log.info("epoch %d: %.1f pictures/s, means: %s", epoch + 1, pictures_per_second, text)
             improved = due and len(self.validation) > 0 and self._validate(epoch)
             self._save("last")
             if improved or not len(self.validation):
@@ -179,10 +183,6 @@ class Run:
             self.board.scalars("validation", metrics, step)
             self.board.pictures(predictions, self.objects, step)
         return better
-
-    def _log_step(self, losses: dict[str, float], number: int) -> None:
-        if self.board:
-            self.board.scalars("train", losses, number)
 
     def _moved(self, epoch: int, step: int) -> None:
         self.state = RunState(**{**vars(self.state), "epoch": epoch, "step": step, "ema_updates": self.average.updates})

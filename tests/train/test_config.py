@@ -20,7 +20,7 @@ def test_every_shipped_configuration_survives_saving_and_loading(path: Path, tmp
 
 
 def test_there_is_a_configuration_for_each_data_set() -> None:
-    assert {p.stem for p in CONFIGS} >= {"instruments", "instruments-e2e", "ycbv", "tless", "lmo"}
+    assert {p.stem for p in CONFIGS} >= {"instruments", "ycbv", "tless", "lmo"}
 
 
 def test_the_default_weights_are_the_papers() -> None:
