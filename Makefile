@@ -13,13 +13,14 @@ export MULTICAM_DATA ?= $(CURDIR)/data
 # Shared libraries that `import bpy` loads on a bare Debian or Ubuntu.
 BPY_LIBRARIES := libxrender1 libxi6 libxkbcommon0 libxfixes3 libsm6 libgl1 libegl1
 
-.PHONY: help demo test check lint types contracts e2e wheel system-libraries clean
+.PHONY: help demo test check lint types contracts e2e benchmark wheel system-libraries clean
 
 help:
 	@echo "make demo       the shipped network on the shipped recording (light install, a few minutes)"
 	@echo "make test       everything installed, every test run"
 	@echo "make check      lint, types, import contracts and tests, as the gate runs them"
 	@echo "make e2e        CAD models -> renders -> training -> ONNX -> run -> evaluate, resumable"
+	@echo "make benchmark  registration on published estimates (needs the data: MULTICAM_BENCH)"
 	@echo "make wheel      build the wheel and try it in an empty environment"
 
 demo: $(DEMO_VENV)/.ready
@@ -70,6 +71,9 @@ system-libraries:
 
 e2e: $(VENV)/.ready
 	$(BIN)/python scripts/e2e.py
+
+benchmark: $(VENV)/.ready
+	$(BIN)/python benchmarks/registration.py
 
 wheel: $(VENV)/.ready
 	$(BIN)/python scripts/try_wheel.py

@@ -9,7 +9,7 @@ import numpy as np
 from multicam.bundle.factor import Linearization
 from multicam.geometry import se3
 from multicam.matching.arrays import BoolArray, IntArray
-from multicam.matching.linear import apply, inverse
+from multicam.matching.linear import apply, congruent, inverse
 from multicam.types import FloatArray
 
 
@@ -85,6 +85,20 @@ class NormalEquations:
         camera = joint.reshape(count, 6, count, 6)[np.arange(count), :, np.arange(count), :]
         gain = eliminated @ rows
         return camera, eliminated + gain @ joint @ np.swapaxes(gain, -1, -2)
+
+    def edge_covariances(self, camera: IntArray, obj: IntArray, jacobian: FloatArray) -> FloatArray:
+        """Covariances (e, 6, 6) of xi_object + jacobian xi_camera for edges (e,), with all correlations.
+
+        Args:
+            camera, obj: (e,) indices of blocks.
+            jacobian: (e, 6, 6).
+        """
+        eliminated, rows, schur = self._reduce(np.ones((6, 6)))
+        # An object follows the cameras by -(H_oo)^-1 H_oc and varies by (H_oo)^-1 beside.
+        follow = -(eliminated @ rows)[obj]
+        edges = np.arange(len(obj))
+        follow.reshape(len(obj), 6, len(self.camera_hessian), 6)[edges, :, camera, :] += jacobian
+        return eliminated[obj] + congruent(follow, inverse(schur))
 
     def _reduce(self, scale: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Inverse object blocks (o, 6, 6), coupling rows (o, 6, 6 c) and the Schur complement (6 c, 6 c)."""

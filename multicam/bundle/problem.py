@@ -95,6 +95,22 @@ class Problem:
         Args:
             noise_scale: how much larger the variances of the edges are than stated.
         """
+        free, objects = self._capped(state, noise_scale).covariances()
+        cameras = np.zeros((len(self.fixed), 6, 6))
+        cameras[~self.fixed] = free
+        return cameras, objects
+
+    def edge_covariances(self, state: State, factor: EdgeFactor) -> FloatArray:
+        """(e, 6, 6) covariances, at a minimum, of the poses camera_from_object of a factor's edges (right tangent)."""
+        object_from_world = se3.inverse(state.world_from_object)
+        jacobian = -se3.adjoint(object_from_world[factor.object] @ state.world_from_camera[factor.camera])
+        # A fixed camera has no block; any will do, for its edges do not depend on it.
+        jacobian[self.fixed[factor.camera]] = 0
+        block = np.maximum(np.cumsum(~self.fixed) - 1, 0)[factor.camera]
+        return self._capped(state, 1.0).edge_covariances(block, factor.object, jacobian)
+
+    def _capped(self, state: State, noise_scale: float) -> NormalEquations:
+        """The system at a minimum in which no edge counts for more than its information; without the fixed cameras."""
         system = NormalEquations.zeros(len(state.world_from_camera), len(state.world_from_object))
         for factor, pose, local in self._edges(state):
             weight = np.minimum(1, factor.kernel.weight(2 * local.energy / noise_scale)) / noise_scale
@@ -102,10 +118,7 @@ class Problem:
         for prior in self.priors:
             local = prior.linearize(state.world_from_camera[prior.camera])
             system.add_cameras(prior.camera, local.gradient, local.hessian)
-        free, objects = system.without(self.fixed).covariances()
-        cameras = np.zeros((len(self.fixed), 6, 6))
-        cameras[~self.fixed] = free
-        return cameras, objects
+        return system.without(self.fixed)
 
     def _edges(self, state: State) -> Iterator[tuple[EdgeFactor, FloatArray, Linearization]]:
         """Each factor with the poses camera_from_object of its edges and its energy there."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from collections.abc import Generator, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -16,14 +16,16 @@ import numpy as np
 from rich.console import Console
 
 from multicam.commands.view_groups import ViewGroup, prediction, read_groups, write_predictions
-from multicam.config import parse_command, save_config
+from multicam.config import load_config, parse_command, save_config
 from multicam.dataset.bop_reader import read_camera_matrices
 from multicam.dataset.objects import Catalogue, load_catalogue
 from multicam.dataset.results import Estimates, read_results
 from multicam.errors import ConfigError, DataError
-from multicam.files import require_folder
+from multicam.files import require_file, require_folder
+from multicam.matching.learned import NoiseModel
 from multicam.progress import Progress, RichProgress
-from multicam.registration import RegistrationConfig, register_views
+from multicam.registration import LearningConfig, RegistrationConfig, learn_noise, register_views
+from multicam.registration.agreement import Mapper
 from multicam.types import FloatArray, View
 
 Answer = dict[str, Any]
@@ -52,6 +54,10 @@ class RegisterConfig:
     """Split of the data set that the groups are of."""
     workers: int = 0
     """Processes to use; 0 for one on each core. The answer is the same for any number."""
+    noise: Path | None = None
+    """Noise of the estimates, as an earlier run wrote it beside its predictions; learnt anew without it."""
+    learning: LearningConfig = field(default_factory=LearningConfig)
+    """How the noise is learnt from the agreement of the estimates."""
     registration: RegistrationConfig = field(default_factory=RegistrationConfig)
     """The registration itself."""
 
@@ -86,11 +92,22 @@ def register_groups(config: RegisterConfig, progress: Progress) -> str:
     tasks = list(_tasks(groups, estimates, config.dataset / config.split))
     summary = Summary()
     with _mapper(config.workers or os.cpu_count() or 1) as mapper:
-        answers = mapper(partial(_register, catalogue, config.registration), tasks)
+        noise = _noise(config, catalogue, tasks, mapper, progress)
+        answers = mapper(partial(_register, catalogue, config.registration, noise), tasks)
         tracked = progress.track(answers, "registering view groups", total=len(groups))
         write_predictions(config.output, summary.counting(tracked))
     save_config(config, config.output.with_suffix(".config.yaml"))
+    save_config(noise, config.output.with_suffix(".noise.yaml"))
     return summary.text()
+
+
+def _noise(
+    config: RegisterConfig, catalogue: Catalogue, tasks: Sequence[Task], mapper: Mapper, progress: Progress
+) -> NoiseModel:
+    if config.noise is not None:
+        return load_config(NoiseModel, require_file(config.noise, "noise file"))
+    views = [views for _, views in tasks]
+    return learn_noise(views, catalogue, config.registration, config.learning, mapper, progress)
 
 
 def _refuse_unknown_classes(estimates: Estimates, catalogue: Catalogue, path: Path) -> None:
@@ -141,7 +158,7 @@ def _tasks(groups: Sequence[ViewGroup], estimates: Estimates, split: Path) -> It
 
 
 @contextmanager
-def _mapper(workers: int) -> Generator[Callable[[Callable[[Task], Answer], Iterable[Task]], Iterable[Answer]]]:
+def _mapper(workers: int) -> Generator[Mapper]:
     """An ordered `map`, in this process or over several; the order makes the output the same for any number."""
     if workers == 1:
         yield map
@@ -150,10 +167,10 @@ def _mapper(workers: int) -> Generator[Callable[[Callable[[Task], Answer], Itera
         yield partial(pool.map, chunksize=CHUNK)
 
 
-def _register(catalogue: Catalogue, config: RegistrationConfig, task: Task) -> Answer:
+def _register(catalogue: Catalogue, config: RegistrationConfig, noise: NoiseModel, task: Task) -> Answer:
     group, views = task
     began = time.perf_counter()
-    registration = register_views(views, catalogue, config)
+    registration = register_views(views, catalogue, config, noise)
     return prediction(group, registration, time.perf_counter() - began)
 
 

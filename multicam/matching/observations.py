@@ -10,6 +10,7 @@ import numpy as np
 from multicam.dataset.objects import Catalogue
 from multicam.errors import DataError
 from multicam.matching.arrays import BoolArray, IntArray
+from multicam.matching.learned import NoiseModel
 from multicam.matching.noise import NoiseConfig, free_turns, geometric_covariance
 from multicam.types import FloatArray, View
 
@@ -45,10 +46,13 @@ class PosedObjects:
         )  # fmt: skip
 
 
-def observe(views: Sequence[View], catalogue: Catalogue, config: NoiseConfig) -> PosedObjects:
+def observe(
+    views: Sequence[View], catalogue: Catalogue, config: NoiseConfig, noise: NoiseModel | None = None
+) -> PosedObjects:
     """Collects the estimates; where one has no covariance, the geometric noise model gives it.
 
-    The frame of an estimate is the index of its view; estimates keep their order.
+    The frame of an estimate is the index of its view; estimates keep their order. A learnt noise model corrects depths
+    and scales covariances, stated ones too.
 
     Raises:
         DataError: an estimate of a class that the catalogue does not hold, or with a covariance that is none.
@@ -56,18 +60,23 @@ def observe(views: Sequence[View], catalogue: Catalogue, config: NoiseConfig) ->
     flat = [(v, estimate) for v, view in enumerate(views) for estimate in view.estimates]
     models = [catalogue[estimate.obj_id] for _, estimate in flat]
     poses = np.array([e.camera_from_object for _, e in flat]).reshape(-1, 4, 4)
-    covariance = np.array([free_turns(model) for model in models]).reshape(-1, 6, 6)
+    obj_id = np.array([e.obj_id for _, e in flat], dtype=np.int64)
+    covariance = np.zeros((len(flat), 6, 6))
     silent = [n for n, (_, e) in enumerate(flat) if e.covariance is None]
     if silent:
         corners = np.array([models[n].box_corners() for n in silent])
         focal = np.array([_focal(views[flat[n][0]], config) for n in silent])
-        covariance[silent] += geometric_covariance(poses[silent], corners, focal, config)
+        covariance[silent] = geometric_covariance(poses[silent], corners, focal, config)
     for n, (view, estimate) in enumerate(flat):
         if estimate.covariance is not None:
-            covariance[n] += _checked(estimate.covariance, estimate.obj_id, views[view].view_id)
+            covariance[n] = _checked(estimate.covariance, estimate.obj_id, views[view].view_id)
+    if noise is not None:
+        centre = np.array([model.box_corners().mean(axis=0) for model in models]).reshape(-1, 3)
+        poses, covariance = noise.apply(obj_id, poses, centre, covariance)
+    covariance += np.array([free_turns(model) for model in models]).reshape(-1, 6, 6)
     return PosedObjects(
         frame=np.array([v for v, _ in flat], dtype=np.int64),
-        obj_id=np.array([e.obj_id for _, e in flat], dtype=np.int64),
+        obj_id=obj_id,
         score=np.clip(np.array([e.score for _, e in flat], dtype=np.float64), *CREDIBLE),
         frame_from_object=poses,
         covariance=covariance,

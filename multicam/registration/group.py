@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from multicam.dataset.objects import Catalogue
+from multicam.matching.learned import NoiseModel
 from multicam.matching.observations import PosedObjects, observe
 from multicam.matching.symmetry import SymmetryTable
 from multicam.registration.config import RegistrationConfig
@@ -21,6 +22,7 @@ class Group:
     Attributes:
         views: in ascending order of their names, so that the answer does not depend on the order given.
         estimates: of all views; their frame is the position of the view.
+        kinship: see NoiseModel.
     """
 
     views: tuple[View, ...]
@@ -28,9 +30,12 @@ class Group:
     symmetries: SymmetryTable
     catalogue: Catalogue
     config: RegistrationConfig
+    kinship: float
 
     @classmethod
-    def of(cls, views: Sequence[View], catalogue: Catalogue, config: RegistrationConfig) -> Group:
+    def of(
+        cls, views: Sequence[View], catalogue: Catalogue, config: RegistrationConfig, noise: NoiseModel | None
+    ) -> Group:
         """Prepares views.
 
         Raises:
@@ -40,8 +45,9 @@ class Group:
         ordered = tuple(sorted(views, key=lambda view: view.view_id))
         if len({view.view_id for view in ordered}) < len(ordered):
             raise ValueError(f"each view needs a name of its own; got {[view.view_id for view in ordered]}")
-        estimates = observe(ordered, catalogue, config.noise)
-        return cls(ordered, estimates, SymmetryTable.of(catalogue, estimates.obj_id), catalogue, config)
+        estimates = observe(ordered, catalogue, config.noise, noise)
+        kinship = 1.0 if noise is None else noise.kinship
+        return cls(ordered, estimates, SymmetryTable.of(catalogue, estimates.obj_id), catalogue, config, kinship)
 
     def of_views(self, views: set[int]) -> PosedObjects:
         """The estimates of some views."""

@@ -28,6 +28,7 @@ class Refinement:
         placement: refined poses; covariances relative to the world camera.
         tracks: which estimates are one object.
         edges: those that tie cameras together.
+        kinship: see NoiseModel.
         factors: what was minimised.
         world_from_object: (o, 4, 4) of the shared objects.
         object_covariance: (o, 6, 6).
@@ -36,6 +37,7 @@ class Refinement:
     placement: Placement
     tracks: Tracks
     edges: Edges
+    kinship: float
     factors: tuple[EdgeFactor, ...]
     world_from_object: FloatArray
     object_covariance: FloatArray
@@ -52,7 +54,9 @@ def refine(group: Group, placement: Placement) -> Refinement:
         if refinement is not None and tracks.same_identities(refinement.tracks):
             return replace(refinement, tracks=tracks)
         factors, shared = (pose_factor(group, tracks, edges),), tracks.fused[edges.shared]
-        start = Refinement(placement, tracks, edges, factors, shared.frame_from_object, shared.covariance)
+        start = Refinement(
+            placement, tracks, edges, group.kinship, factors, shared.frame_from_object, shared.covariance
+        )
         refinement = _minimize(start, group.config.solver)
         placement = refinement.placement
     assert refinement is not None
@@ -98,7 +102,7 @@ def _minimize(refinement: Refinement, config: LevenbergConfig) -> Refinement:
 def _conclude(refinement: Refinement, state: State, world: int) -> Refinement:
     """The refinement at another state, with covariances relative to the camera `world`."""
     problem = Problem(refinement.factors, np.arange(len(state.world_from_camera)) == world)
-    cameras, objects = problem.covariances(state, problem.noise_scale(state))
+    cameras, objects = problem.covariances(state, refinement.kinship * problem.noise_scale(state))
     placement = replace(refinement.placement, world_from_camera=state.world_from_camera, covariance=cameras)
     return replace(
         refinement, placement=placement, world_from_object=state.world_from_object, object_covariance=objects

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from multicam.dataset.objects import Catalogue
+from multicam.matching.learned import NoiseModel
 from multicam.matching.linear import total_std
 from multicam.registration.answer import component_of
 from multicam.registration.config import RegistrationConfig
@@ -18,7 +19,9 @@ from multicam.registration.refusal import explain, explain_imprecise
 from multicam.types import Component, Registration, View
 
 
-def register_views(views: Sequence[View], catalogue: Catalogue, config: RegistrationConfig) -> Registration:
+def register_views(
+    views: Sequence[View], catalogue: Catalogue, config: RegistrationConfig, noise: NoiseModel | None = None
+) -> Registration:
     """Places the cameras of views, taken at one time, by the objects they see.
 
     Each component has the frame of its first camera (in the order of `views`) as its world, and its covariances are
@@ -27,16 +30,24 @@ def register_views(views: Sequence[View], catalogue: Catalogue, config: Registra
 
     Args:
         views: what each camera saw; keypoints of detections must be free of lens distortion.
+        noise: what `learn_noise` found out about such estimates; without it they are taken at their word.
 
     Raises:
         DataError: an estimate of a class that the catalogue does not hold.
         ValueError: two views of one name.
     """
-    group = Group.of(views, catalogue, config)
+    group = Group.of(views, catalogue, config, noise)
+    found, refusals = solve(group)
+    components = tuple(_finish(group, refinement, views) for refinement in found)
+    return Registration(components, {group.views[v].view_id: reason for v, reason in sorted(refusals.items())})
+
+
+def solve(group: Group) -> tuple[list[Refinement], dict[int, str]]:
+    """The refined components of a group, and the reason for each view that is in none."""
     between = links_between_views(group)
     tried, refusals = list(between), dict[int, str]()
     unplaced = set(range(len(group.views)))
-    components: list[Component] = []
+    components: list[Refinement] = []
     for link in sorted((k for k in between if k.doubt is None), key=lambda k: -k.log_odds):
         if not {link.reference, link.query} <= unplaced:
             continue
@@ -47,10 +58,8 @@ def register_views(views: Sequence[View], catalogue: Catalogue, config: Registra
             refusals.update(dict.fromkeys(placed, "the other view that it fits is not known precisely enough"))
             continue
         unplaced -= placed
-        components.append(_finish(group, found, views))
-    for view in sorted(unplaced):
-        refusals.setdefault(view, explain(group, view, tried))
-    return Registration(tuple(components), {group.views[v].view_id: refusals[v] for v in sorted(unplaced)})
+        components.append(found)
+    return components, {view: refusals.get(view) or explain(group, view, tried) for view in unplaced}
 
 
 def _grow(group: Group, link: Link, between: list[Link], unplaced: set[int], tried: list[Link]) -> Refinement:

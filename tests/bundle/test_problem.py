@@ -16,6 +16,7 @@ from multicam.bundle.prior import CameraPrior
 from multicam.bundle.problem import Problem, State
 from multicam.bundle.robust import Student
 from multicam.geometry import se3
+from tests.close import assert_close
 from tests.strategies import seeds
 from tests.toy_world import looking_at, place_objects
 
@@ -224,3 +225,21 @@ def test_nothing_to_move_is_no_error() -> None:
     found = minimize(Problem((), np.array([True])), state, LevenbergConfig())
     assert np.allclose(found.state.world_from_camera, np.eye(4))
     assert not np.any(Problem((), np.array([True])).covariances(state)[0])
+
+
+def test_edge_covariances_are_those_of_the_dense_inverse(rng: np.random.Generator) -> None:
+    state = truth(rng)
+    task = problem(rng, state, noise=0.5)
+    factor = task.factors[0]
+    state = minimize(task, state, LevenbergConfig()).state
+    found = task.edge_covariances(state, factor)
+    # No weight exceeds one while every residual is expected to be much larger than it is.
+    joint = np.linalg.inv(dense(task._capped(state, 1.0))[0])
+    cameras = CAMERAS - 1
+    for edge, (camera, obj) in enumerate(zip(factor.camera, factor.object, strict=True)):
+        jacobian = np.zeros((6, len(joint)))
+        jacobian[:, 6 * (cameras + obj) :][:, :6] = np.eye(6)
+        if camera > 0:
+            relative = se3.inverse(state.world_from_object[obj]) @ state.world_from_camera[camera]
+            jacobian[:, 6 * (camera - 1) :][:, :6] = -se3.adjoint(relative)
+        assert_close(found[edge], jacobian @ joint @ jacobian.T, atol=1e-9, rtol=1e-6)
