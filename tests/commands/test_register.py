@@ -16,6 +16,7 @@ from multicam.commands.register import RegisterConfig, register_groups
 from multicam.config import load_config
 from multicam.dataset.results import read_results, write_results
 from multicam.geometry import se3
+from multicam.matching.learned import NoiseModel
 from multicam.progress import SilentProgress
 from tests.toy_objects import toy_catalogue
 from tests.toy_world import ToyWorld, make_world
@@ -88,6 +89,11 @@ def predictions(dataset: Path) -> list[dict[str, Any]]:
     return json.loads((dataset.parent / "out" / "predictions.json").read_text())["groups"]
 
 
+def answers(dataset: Path) -> list[dict[str, Any]]:
+    """The predictions without what differs from run to run."""
+    return [{key: value for key, value in group.items() if key != "seconds"} for group in predictions(dataset)]
+
+
 def refused(capsys: pytest.CaptureFixture[str], dataset: Path, *more: str) -> str:
     """Runs the command on bad input; one sentence, exit code 2, nothing written."""
     assert run(arguments(dataset, *more)) == 2
@@ -132,18 +138,36 @@ def test_the_configuration_is_saved_and_read_back(dataset: Path) -> None:
     assert saved.dataset == dataset
 
 
+def test_learnt_noise_is_written_and_used_again(dataset: Path) -> None:
+    assert run(arguments(dataset)) == 0
+    first, noise = answers(dataset), dataset.parent / "out" / "predictions.noise.yaml"
+    assert load_config(NoiseModel, noise).classes
+    kept = dataset.parent / "kept.yaml"
+    noise.rename(kept)
+    assert run(arguments(dataset, "--noise", str(kept))) == 0
+    assert answers(dataset) == first
+    assert run(arguments(dataset, "--learning.rounds", "0")) == 0
+    assert load_config(NoiseModel, noise) == NoiseModel()
+    assert answers(dataset) != first
+
+
+def test_a_noise_file_that_is_none_is_refused(dataset: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    bad = dataset.parent / "bad.yaml"
+    bad.write_text("kinship: 0.2\n")
+    assert "kinship must be at least 1" in refused(capsys, dataset, "--noise", str(bad))
+    assert "noise file" in refused(capsys, dataset, "--noise", str(dataset / "none.yaml"))
+
+
 def test_the_number_of_processes_does_not_change_the_answer(dataset: Path) -> None:
-    answers: list[list[dict[str, Any]]] = []
+    found: list[list[dict[str, Any]]] = []
     for workers in (1, 2):
         folder = dataset.parent
         output = folder / "out" / "predictions.json"
         config = RegisterConfig(dataset, folder / "results.csv", folder / "groups.json", output, workers=workers)
         summary = register_groups(config, SilentProgress())
         assert "3 groups answered; 7 of 9 views placed" in summary
-        answers.append(
-            [{key: value for key, value in group.items() if key != "seconds"} for group in predictions(dataset)]
-        )
-    assert answers[0] == answers[1]
+        found.append(answers(dataset))
+    assert found[0] == found[1]
 
 
 def test_a_data_set_without_cameras_uses_the_assumed_focal_length(dataset: Path) -> None:
