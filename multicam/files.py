@@ -79,8 +79,7 @@ def require_file(path: Path, what: str = "file") -> Path:
         return path
     if path.is_dir():
         raise DataError(f"{path} is a folder where a {what} was expected.")
-    parent = next(p for p in path.absolute().parents if p.exists())
-    raise DataError(f"The {what} {path} does not exist; the nearest existing folder is {parent}.")
+    raise _missing(path, what)
 
 
 def require_folder(path: Path, what: str = "folder") -> Path:
@@ -93,5 +92,9 @@ def require_folder(path: Path, what: str = "folder") -> Path:
         return path
     if path.exists():
         raise DataError(f"{path} is a file where a {what} was expected.")
+    raise _missing(path, what)
+
+
+def _missing(path: Path, what: str) -> DataError:
     parent = next(p for p in path.absolute().parents if p.exists())
-    raise DataError(f"The {what} {path} does not exist; the nearest existing folder is {parent}.")
+    return DataError(f"The {what} {path} does not exist; the nearest existing folder is {parent}.")

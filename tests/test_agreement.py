@@ -59,12 +59,13 @@ def learnt(rng: np.random.Generator, factors: Factors = plain, too_far: float = 
     return learn_noise(groups, worlds[0].catalogue, CONFIG, LEARNING)
 
 
-def test_noise_that_is_as_stated_is_left_alone(rng: np.random.Generator) -> None:
+def test_noise_that_is_as_stated_stays_about_the_same(rng: np.random.Generator) -> None:
+    """Factors come out up to a third too large: no weight above 1 sharpens the place estimates are held against."""
     model = learnt(rng)
     for obj_id in CLASSES:
         noise = model.of(obj_id)
         assert 0.7 < noise.attitude < 1.4
-        assert 0.5 < noise.lateral < 1.4
+        assert 0.7 < noise.lateral < 1.4
         assert 0.7 < noise.depth < 1.4
         assert abs(noise.too_far) < 0.01
     assert model.kinship < 1.5

@@ -99,8 +99,8 @@ class StageConfig:
     warp: bool = True
     """Geometric augmentation and mosaic."""
     oks_sigma: float = 0.05
-    """Tolerance of OKS, as a share of the instance's size. With a small one every score of an untrained network is
-    nearly 0, and it learns neither classes nor keypoints; begin with a larger one where nothing is pretrained."""
+    """Tolerance of OKS, as a share of the instance's size. With a small one the class scores that an untrained network
+    is asked for are nearly 0; a larger one in the first stage asks for more."""
     score_power: float = 0.5
     """The class score learns OKS to this power."""
     weights: LossWeights = field(default_factory=LossWeights)

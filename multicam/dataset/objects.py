@@ -61,6 +61,10 @@ class ObjectModel:
         index = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij"), axis=-1).reshape(8, 3)
         return box[index, np.arange(3)]
 
+    def box_centre(self) -> FloatArray:
+        """(3,) middle of that box; metres."""
+        return self.box_corners().mean(axis=0)
+
     def load_mesh(self) -> Mesh:
         """Loads the mesh in metres.
 

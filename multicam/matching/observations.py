@@ -71,7 +71,7 @@ def observe(
         if estimate.covariance is not None:
             covariance[n] = _checked(estimate.covariance, estimate.obj_id, views[view].view_id)
     if noise is not None:
-        centre = np.array([model.box_corners().mean(axis=0) for model in models]).reshape(-1, 3)
+        centre = np.array([model.box_centre() for model in models]).reshape(-1, 3)
         poses, covariance = noise.apply(obj_id, poses, centre, covariance)
     covariance += np.array([free_turns(model) for model in models]).reshape(-1, 6, 6)
     return PosedObjects(

@@ -189,7 +189,7 @@ def _residuals(group: Group, found: Refinement, noise: NoiseModel) -> Residuals:
     problem = Problem((factor,), np.arange(len(state.world_from_camera)) == 0)
     pose = se3.inverse(state.world_from_camera)[factor.camera] @ state.world_from_object[factor.object]
     obj_id = group.estimates.obj_id[found.tracks.estimate[found.edges.track]]
-    centre = np.array([group.catalogue[int(o)].box_corners().mean(axis=0) for o in obj_id])
+    centre = np.array([group.catalogue[int(o)].box_centre() for o in obj_id])
     axes, factors = viewing_axes(pose, centre), noise.factors(obj_id)
     return Residuals(
         obj_id=obj_id,

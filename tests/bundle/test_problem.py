@@ -233,7 +233,6 @@ def test_edge_covariances_are_those_of_the_dense_inverse(rng: np.random.Generato
     factor = task.factors[0]
     state = minimize(task, state, LevenbergConfig()).state
     found = task.edge_covariances(state, factor)
-    # No weight exceeds one while every residual is expected to be much larger than it is.
     joint = np.linalg.inv(dense(task._capped(state, 1.0))[0])
     cameras = CAMERAS - 1
     for edge, (camera, obj) in enumerate(zip(factor.camera, factor.object, strict=True)):
