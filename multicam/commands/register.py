@@ -87,6 +87,8 @@ def register_groups(config: RegisterConfig, progress: Progress) -> str:
     catalogue = load_catalogue(require_folder(config.dataset, "data set folder"))
     groups = read_groups(config.groups)
     estimates = read_results(config.candidates)
+    if not estimates:
+        raise DataError(f"{config.candidates} holds its header and no estimate; there is nothing to register.")
     _refuse_unknown_classes(estimates, catalogue, config.candidates)
     _refuse_metres(estimates, catalogue, config.candidates)
     tasks = list(_tasks(groups, estimates, config.dataset / config.split))
@@ -135,19 +137,22 @@ def _refuse_metres(estimates: Estimates, catalogue: Catalogue, path: Path) -> No
 
 
 def _tasks(groups: Sequence[ViewGroup], estimates: Estimates, split: Path) -> Iterator[Task]:
-    """Each group with its views; an image without estimates is a view that saw nothing."""
+    """Each group with its views; an image of the data set without estimates is a view that saw nothing."""
+    seen = {scene_id for scene_id, _ in estimates}
     matrices: dict[int, dict[int, FloatArray]] = {}
     for group in groups:
         scene = group.scene_id
+        file = split / f"{scene:06d}" / "scene_camera.json"
         if scene not in matrices:
-            folder = split / f"{scene:06d}"
-            has_cameras = (folder / "scene_camera.json").is_file()
-            if not has_cameras and scene not in {scene_id for scene_id, _ in estimates}:
+            matrices[scene] = read_camera_matrices(file.parent) if file.is_file() else {}
+        # Without camera matrices nobody can tell an image that saw nothing from one that is not there.
+        known = matrices[scene] or (group.im_ids if scene in seen else ())
+        for im_id in group.im_ids:
+            if im_id not in known and (scene, im_id) not in estimates:
                 raise DataError(
-                    f"group {group.group_id} names scene {scene}, of which there are neither estimates nor "
-                    f"{folder / 'scene_camera.json'}."
+                    f"group {group.group_id} names image {im_id} of scene {scene}, of which there are neither "
+                    f"estimates nor an entry in {file}."
                 )
-            matrices[scene] = read_camera_matrices(folder) if has_cameras else {}
         yield (
             group,
             tuple(

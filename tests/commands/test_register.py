@@ -23,6 +23,8 @@ from tests.toy_world import ToyWorld, make_world
 
 SCENE = 3
 IM_IDS = (10, 11, 12, 13)
+BLIND = 99
+"""An image of the data set in which nothing was found."""
 
 
 @pytest.fixture
@@ -36,13 +38,14 @@ def dataset(tmp_path: Path, world: ToyWorld, rng: np.random.Generator) -> Path:
     folder = tmp_path / "dataset"
     write(folder / "models" / "models_info.json", models_info())
     cameras = {
-        str(i): {"cam_K": c.camera.matrix.reshape(-1).tolist()} for i, c in zip(IM_IDS, world.cameras, strict=True)
+        str(i): {"cam_K": c.camera.matrix.reshape(-1).tolist()}
+        for i, c in zip((*IM_IDS, BLIND), (*world.cameras, world.cameras[0]), strict=True)
     }
     write(folder / "test" / f"{SCENE:06d}" / "scene_camera.json", cameras)
     views = world.views(rng, rotation_noise=0.01, translation_noise=0.002)
     rows = [(SCENE, i, e, -1.0) for i, view in zip(IM_IDS, views, strict=True) for e in view.estimates]
     write_results(tmp_path / "results.csv", rows)
-    write_groups(tmp_path, [list(IM_IDS[:3]), list(IM_IDS), [IM_IDS[0], 99]])
+    write_groups(tmp_path, [list(IM_IDS[:3]), list(IM_IDS), [IM_IDS[0], BLIND]])
     return folder
 
 
@@ -256,7 +259,17 @@ def test_estimates_in_metres_are_refused(dataset: Path, capsys: pytest.CaptureFi
 
 def test_a_group_of_an_unknown_scene_is_refused(dataset: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write(dataset.parent / "groups.json", {"groups": [{"group_id": 5, "scene_id": 44, "im_ids": [1, 2]}]})
-    assert "group 5 names scene 44" in refused(capsys, dataset)
+    assert "group 5 names image 1 of scene 44" in refused(capsys, dataset)
+
+
+def test_a_group_of_an_unknown_image_is_refused(dataset: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_groups(dataset.parent, [[IM_IDS[0], 98]])
+    assert "group 0 names image 98 of scene" in refused(capsys, dataset)
+
+
+def test_results_without_an_estimate_are_refused(dataset: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_results(dataset.parent / "results.csv", [])
+    assert "no estimate" in refused(capsys, dataset)
 
 
 def test_a_negative_number_of_workers_is_refused(dataset: Path, capsys: pytest.CaptureFixture[str]) -> None:
