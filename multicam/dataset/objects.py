@@ -18,6 +18,10 @@ from multicam.types import FloatArray
 MESH_SUFFIXES = (".ply", ".obj", ".stl", ".glb")
 
 
+_UPPER = np.stack(np.meshgrid([False, True], [False, True], [False, True], indexing="ij"), axis=-1).reshape(8, 3)
+"""Which bound of the box each of its corners takes."""
+
+
 @dataclass(frozen=True, eq=False)
 class ObjectModel:
     """What is known of one object class.
@@ -58,8 +62,7 @@ class ObjectModel:
             box = np.array([[-half] * 3, [half] * 3])
         else:
             box = self.box
-        index = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij"), axis=-1).reshape(8, 3)
-        return box[index, np.arange(3)]
+        return np.where(_UPPER, box[1], box[0])
 
     def box_centre(self) -> FloatArray:
         """(3,) middle of that box; metres."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float64
 
-from multicam.geometry import so3
+from multicam.geometry import compiled, so3
 
 
 def from_parts(
@@ -41,15 +41,12 @@ def act(transform: Float64[np.ndarray, "*batch 4 4"], points: Float64[np.ndarray
 
 def exp(xi: Float64[np.ndarray, "*batch 6"]) -> Float64[np.ndarray, "*batch 4 4"]:
     """Exponential of a twist [rotation; translation]."""
-    translation = (so3.left_jacobian(xi[..., :3]) @ xi[..., 3:, None])[..., 0]
-    return from_parts(so3.exp(xi[..., :3]), translation)
+    return so3.over_stack(compiled.transform_exp_all, xi, 1, (4, 4))
 
 
 def log(transform: Float64[np.ndarray, "*batch 4 4"]) -> Float64[np.ndarray, "*batch 6"]:
     """Twist whose exponential is the transform; rotation angle in [0, pi]."""
-    omega = so3.log(transform[..., :3, :3])
-    translation = (so3.left_jacobian_inverse(omega) @ transform[..., :3, 3:])[..., 0]
-    return np.concatenate((omega, translation), axis=-1)
+    return so3.over_stack(compiled.transform_log_all, transform, 2, (6,))
 
 
 def plus(transform: Float64[np.ndarray, "*#batch 4 4"], xi: Float64[np.ndarray, "*#batch 6"]) -> np.ndarray:
@@ -64,11 +61,7 @@ def minus(a: Float64[np.ndarray, "*#batch 4 4"], b: Float64[np.ndarray, "*#batch
 
 def adjoint(transform: Float64[np.ndarray, "*batch 4 4"]) -> Float64[np.ndarray, "*batch 6 6"]:
     """Ad(T) with T exp(xi) T^-1 = exp(Ad(T) xi): [[R, 0], [hat(t) R, R]]."""
-    rotation = transform[..., :3, :3]
-    result = np.zeros((*transform.shape[:-2], 6, 6))
-    result[..., :3, :3] = result[..., 3:, 3:] = rotation
-    result[..., 3:, :3] = so3.hat(transform[..., :3, 3]) @ rotation
-    return result
+    return so3.over_stack(compiled.adjoint_all, transform, 2, (6, 6))
 
 
 def left_jacobian_inverse(xi: Float64[np.ndarray, "*batch 6"]) -> Float64[np.ndarray, "*batch 6 6"]:
@@ -76,26 +69,7 @@ def left_jacobian_inverse(xi: Float64[np.ndarray, "*batch 6"]) -> Float64[np.nda
 
     Closed form of Barfoot and Furgale, "Associating uncertainty with three-dimensional poses" (2014), eq. 102.
     """
-    omega, rho = xi[..., :3], xi[..., 3:]
-    inv = so3.left_jacobian_inverse(omega)
-    result = np.zeros((*xi.shape[:-1], 6, 6))
-    result[..., :3, :3] = result[..., 3:, 3:] = inv
-    result[..., 3:, :3] = -inv @ _coupling(omega, rho) @ inv
-    return result
-
-
-def _coupling(omega: np.ndarray, rho: np.ndarray) -> np.ndarray:
-    """Q of Barfoot and Furgale: the block by which rotation moves translation."""
-    t = np.linalg.norm(omega, axis=-1)[..., None, None]
-    small = t < 1e-2
-    s = np.where(small, 1.0, t)
-    sin, cos = np.sin(s), np.cos(s)
-    a = np.where(small, 1 / 6 - t**2 / 120 + t**4 / 5040, (s - sin) / s**3)
-    b = np.where(small, 1 / 24 - t**2 / 720 + t**4 / 40320, (s**2 + 2 * cos - 2) / (2 * s**4))
-    c = np.where(small, 1 / 120 - t**2 / 2520 + t**4 / 120960, (2 * s - 3 * sin + s * cos) / (2 * s**5))
-    w, p = so3.hat(omega), so3.hat(rho)
-    wp, pw, wpw = w @ p, p @ w, w @ p @ w
-    return p / 2 + a * (wp + pw + wpw) + b * (w @ wp + pw @ w - 3 * wpw) + c * (wpw @ w + w @ wpw)
+    return so3.over_stack(compiled.left_jacobian_inverse_all, xi, 1, (6, 6))
 
 
 def interpolate(
