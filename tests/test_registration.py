@@ -250,7 +250,7 @@ def test_objects_that_moved_are_refused(rng: np.random.Generator) -> None:
 def test_an_imprecise_camera_is_refused_with_its_error(rng: np.random.Generator) -> None:
     world = make_world(rng)
     views = world.views(rng, rotation_noise=0.05, translation_noise=0.02, with_detections=False)
-    strict = RegistrationConfig(placement=PlacementConfig(max_rotation_std=1e-3, max_position_std=1e-3))
+    strict = RegistrationConfig(placement=PlacementConfig(max_rotation_error_deg=0.05, max_position_error=1e-3))
     registration = register(views, strict)
     assert registration.components == ()
     assert len(registration.refusals) == 3

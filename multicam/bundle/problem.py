@@ -86,7 +86,9 @@ class Problem:
                 break
         return scale
 
-    def covariances(self, state: State, noise_scale: float = 1.0) -> tuple[FloatArray, FloatArray]:
+    def covariances(
+        self, state: State, noise_scale: float = 1.0, inflation: FloatArray | None = None
+    ) -> tuple[FloatArray, FloatArray]:
         """Covariances of the cameras (c, 6, 6; zero where fixed) and the objects (o, 6, 6) at a minimum.
 
         An edge counts for no more than its stated information: residuals that happen to be small, because estimates of
@@ -94,8 +96,9 @@ class Problem:
 
         Args:
             noise_scale: how much larger the variances of the edges are than stated.
+            inflation: (c, o) how much larger again to take those between a camera and an object; 1 where left out.
         """
-        free, objects = self._capped(state, noise_scale).covariances()
+        free, objects = self._capped(state, noise_scale, inflation).covariances()
         cameras = np.zeros((len(self.fixed), 6, 6))
         cameras[~self.fixed] = free
         return cameras, objects
@@ -107,13 +110,15 @@ class Problem:
         # A fixed camera has no block; any will do, for its edges do not depend on it.
         jacobian[self.fixed[factor.camera]] = 0
         block = np.maximum(np.cumsum(~self.fixed) - 1, 0)[factor.camera]
-        return self._capped(state, 1.0).edge_covariances(block, factor.object, jacobian)
+        return self._capped(state).edge_covariances(block, factor.object, jacobian)
 
-    def _capped(self, state: State, noise_scale: float) -> NormalEquations:
+    def _capped(self, state: State, noise_scale: float = 1.0, inflation: FloatArray | None = None) -> NormalEquations:
         """The system at a minimum in which no edge counts for more than its information; without the fixed cameras."""
         system = NormalEquations.zeros(len(state.world_from_camera), len(state.world_from_object))
         for factor, pose, local in self._edges(state):
-            weight = np.minimum(1, factor.kernel.weight(2 * local.energy / noise_scale)) / noise_scale
+            weight = factor.kernel.information(2 * local.energy / noise_scale) / noise_scale
+            if inflation is not None:
+                weight = weight / inflation[factor.camera, factor.object]
             system.add_edges(factor.camera, factor.object, se3.inverse(pose), local, weight)
         for prior in self.priors:
             local = prior.linearize(state.world_from_camera[prior.camera])

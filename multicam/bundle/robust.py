@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from scipy.special import betainc
 
 from multicam.types import FloatArray
 
@@ -33,3 +35,20 @@ class Student:
     def weight(self, squared: FloatArray) -> FloatArray:
         """2 d energy / d squared."""
         return (self.tail + self.dimension) / (self.tail + squared)
+
+    def information(self, squared: FloatArray) -> FloatArray:
+        """Share of its stated information that a residual brings, from its squared norm.
+
+        Weights are capped at 1 (small residuals are no proof of precision) and scaled so that over residuals of this
+        very distribution they come to its Fisher information, (v + d) / (v + d + 2).
+        """
+        return self._per_capped_weight * np.minimum(1, self.weight(squared))
+
+    @cached_property
+    def _per_capped_weight(self) -> float:
+        # The weight is B / E[B] with B ~ Beta(v/2, d/2), so E[min(1, weight)] = P(B' < E[B]) + P(B > E[B]), where B'
+        # is B weighted by itself.
+        a, b = self.tail / 2, self.dimension / 2
+        mean = a / (a + b)
+        capped = float(betainc(a + 1, b, mean)) + 1 - float(betainc(a, b, mean))
+        return (self.tail + self.dimension) / (self.tail + self.dimension + 2) / capped

@@ -131,6 +131,20 @@ def transform_log(transform, out):
 
 @njit(cache=True, error_model="numpy")
 @no_type_check
+def inverse(transform, out):
+    """Inverse (4, 4) of a transform (4, 4)."""
+    for i in range(3):
+        out[i, 3] = -(
+            transform[0, i] * transform[0, 3] + transform[1, i] * transform[1, 3] + transform[2, i] * transform[2, 3]
+        )
+        out[3, i] = 0.0
+        for j in range(3):
+            out[i, j] = transform[j, i]
+    out[3, 3] = 1.0
+
+
+@njit(cache=True, error_model="numpy")
+@no_type_check
 def adjoint(transform, out):
     """(6, 6) [[R, 0], [hat(t) R, R]] of a transform (4, 4)."""
     x, y, z = transform[0, 3], transform[1, 3], transform[2, 3]
@@ -144,25 +158,39 @@ def adjoint(transform, out):
 
 @njit(cache=True, error_model="numpy")
 @no_type_check
+def product(a, b, out):
+    """Product of two matrices (3, 3); BLAS would take longer to call than to work."""
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = a[i, 0] * b[0, j] + a[i, 1] * b[1, j] + a[i, 2] * b[2, j]
+
+
+@njit(cache=True, error_model="numpy")
+@no_type_check
 def left_jacobian_inverse(xi, out):
     """(6, 6) [[J, 0], [-J Q J, J]] of a twist (6,), J the inverse left Jacobian of its rotation."""
     omega, rho = xi[:3], xi[3:]
-    inverse, coupling = np.empty((3, 3)), np.empty((3, 3))
-    series(-0.5, inverse_coefficient(length(omega)), omega, inverse)
+    inv, coupling, half, lower = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+    series(-0.5, inverse_coefficient(length(omega)), omega, inv)
     _coupling(omega, rho, coupling)
-    lower = inverse @ coupling @ inverse
+    product(inv, coupling, half)
+    product(half, inv, lower)
     for i in range(3):
         for j in range(3):
-            out[i, j] = out[3 + i, 3 + j] = inverse[i, j]
+            out[i, j] = out[3 + i, 3 + j] = inv[i, j]
             out[3 + i, j] = -lower[i, j]
             out[i, 3 + j] = 0.0
 
 
 @njit(cache=True, error_model="numpy")
 @no_type_check
-def _coupling(omega, rho, out):
-    """Q of Barfoot and Furgale: the block by which rotation moves translation."""
-    t = length(omega)
+def _coupling(w, p, out):
+    """Q of Barfoot and Furgale: the block by which rotation moves translation.
+
+    With W = hat(w), P = hat(p), d = w . p its products reduce to W P W = -d W, W P + P W = p w' + w p' - 2 d I and
+    W W P + P W W = -|w|^2 P - d W.
+    """
+    t = length(w)
     square = t * t
     if t < SMALL_COUPLING:
         a = 1 / 6 - square / 120 + square * square / 5040
@@ -173,12 +201,16 @@ def _coupling(omega, rho, out):
         a = (t - sin) / t**3
         b = (square + 2 * cos - 2) / (2 * t**4)
         c = (2 * t - 3 * sin + t * cos) / (2 * t**5)
-    w, p = np.empty((3, 3)), np.empty((3, 3))
-    hat(omega, w)
-    hat(rho, p)
-    wp, pw = w @ p, p @ w
-    wpw = wp @ w
-    out[:] = p / 2 + a * (wp + pw + wpw) + b * (w @ wp + pw @ w - 3 * wpw) + c * (wpw @ w + w @ wpw)
+    d = w[0] * p[0] + w[1] * p[1] + w[2] * p[2]
+    # The skew part is hat(v); the rest is symmetric.
+    skew, v = np.empty((3, 3)), np.empty(3)
+    for k in range(3):
+        v[k] = (0.5 - b * square) * p[k] + d * (2 * b - a) * w[k]
+    hat(v, skew)
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = skew[i, j] + a * (p[i] * w[j] + w[i] * p[j]) - 2 * c * d * w[i] * w[j]
+        out[i, i] += 2 * d * (c * square - a)
 
 
 @njit(cache=True, error_model="numpy")
@@ -254,6 +286,14 @@ def transform_log_all(transform, out):
     """Of transforms (n, 4, 4)."""
     for n in range(len(transform)):
         transform_log(transform[n], out[n])
+
+
+@njit(cache=True, error_model="numpy")
+@no_type_check
+def inverse_all(transform, out):
+    """Of transforms (n, 4, 4)."""
+    for n in range(len(transform)):
+        inverse(transform[n], out[n])
 
 
 @njit(cache=True, error_model="numpy")

@@ -25,8 +25,7 @@ def from_parts(
 
 def inverse(transform: Float64[np.ndarray, "*batch 4 4"]) -> Float64[np.ndarray, "*batch 4 4"]:
     """source_from_target of a target_from_source."""
-    rotation = np.swapaxes(transform[..., :3, :3], -1, -2)
-    return from_parts(rotation, (rotation @ -transform[..., :3, 3:])[..., 0])
+    return so3.over_stack(compiled.inverse_all, transform, 2, (4, 4))
 
 
 def act(transform: Float64[np.ndarray, "*batch 4 4"], points: Float64[np.ndarray, "*batch_p 3"]) -> np.ndarray:

@@ -96,9 +96,12 @@ def _recognise(
     likelihood: LikelihoodConfig,
 ) -> tuple[IntArray, FloatArray]:
     """For each seen object which fused object it is (new ones are numbered on), and its closest twin."""
+    strangers = len(fused) + np.arange(len(seen)), seen.frame_from_object
+    if not len(fused):
+        return strangers
     pairs = measure(fused, seen, np.ones((len(fused), len(seen)), dtype=np.bool_), symmetries)
     if not len(pairs):
-        return len(fused) + np.arange(len(seen)), seen.frame_from_object
+        return strangers
     everything = np.arange(len(pairs))
     residual = se3.log(pairs.difference(everything, np.broadcast_to(world_from_camera, pairs.pose.shape)))
     information, determinant = invert(pairs.covariance + covariance)

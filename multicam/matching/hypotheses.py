@@ -189,5 +189,4 @@ def _across(vector: FloatArray, direction: FloatArray) -> tuple[FloatArray, Floa
 
 def _size_of_group(code: IntArray) -> IntArray:
     """How many elements share each element's code."""
-    _, group, counts = np.unique(code, return_inverse=True, return_counts=True)
-    return counts[group]
+    return np.bincount(code)[code]

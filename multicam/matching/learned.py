@@ -49,8 +49,8 @@ class NoiseModel:
     default: ClassNoise = ClassNoise()
     """Of all others."""
     kinship: float = 1.0
-    """How much larger the variances of errors in unlike views are than these factors say; stated covariances grow by
-    it. Estimates of an object from like directions err alike: they agree better than they are right."""
+    """How much larger the variances of errors in unlike views are than these factors say. Estimates of an object from
+    like directions err alike: they agree better than they are right."""
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.kinship) and self.kinship >= 1):
@@ -59,6 +59,15 @@ class NoiseModel:
     def of(self, obj_id: int) -> ClassNoise:
         """The noise of a class."""
         return self.classes.get(obj_id, self.default)
+
+    def widened(self, variance: float) -> NoiseModel:
+        """All variances grown by a factor."""
+
+        def wider(noise: ClassNoise) -> ClassNoise:
+            factors = (np.sqrt(variance) * f for f in (noise.attitude, noise.lateral, noise.depth))
+            return ClassNoise(*map(float, factors), too_far=noise.too_far)
+
+        return NoiseModel({o: wider(noise) for o, noise in self.classes.items()}, wider(self.default), self.kinship)
 
     def factors(self, obj_id: IntArray) -> FloatArray:
         """(n, 6) factors on the standard deviations in the coordinates of `viewing_axes`."""
@@ -81,7 +90,7 @@ class NoiseModel:
         poses[:, :3, 3] += np.expm1(-too_far)[:, None] * centre_in_camera(camera_from_object, centre)
         forth = viewing_axes(poses, centre)
         back = viewing_axes(poses, centre, inverse=True)
-        return poses, congruent(back @ (self.factors(obj_id)[:, :, None] * forth), covariance)
+        return poses, self.kinship * congruent(back @ (self.factors(obj_id)[:, :, None] * forth), covariance)
 
 
 def centre_in_camera(camera_from_object: FloatArray, centre: FloatArray) -> FloatArray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.special import gammainc
 
 from multicam.matching.cholesky import invert_all
 from multicam.types import FloatArray
@@ -47,3 +48,16 @@ def congruent(matrix: FloatArray, covariance: FloatArray) -> FloatArray:
 def total_std(covariance: FloatArray) -> FloatArray:
     """Root mean square length of vectors with covariances (..., n, n)."""
     return np.sqrt(np.trace(covariance, axis1=-2, axis2=-1))
+
+
+def probability_within(covariance: FloatArray, radius: float) -> FloatArray:
+    """Probability that zero-mean normal vectors with covariances (..., n, n) are no longer than a radius.
+
+    The squared length is taken for a gamma variable with its mean and variance (Welch, Satterthwaite), which is exact
+    for round and for one-dimensional covariances.
+    """
+    mean = np.trace(covariance, axis1=-2, axis2=-1)
+    half_variance = np.sum(covariance**2, axis=(-2, -1))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        probability = gammainc(mean**2 / (2 * half_variance), radius**2 * mean / (2 * half_variance))
+    return np.where(mean > 0, probability, 1.0)

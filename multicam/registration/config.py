@@ -17,16 +17,20 @@ class PlacementConfig:
 
     min_probability: float = 0.98
     """Least probability that its pose is right, against chance and against the second best pose."""
-    max_rotation_std: float = 0.15
-    """Largest root mean square error of its attitude that its covariance may state, radians."""
-    max_position_std: float = 0.15
-    """Largest root mean square error of its position that its covariance may state, metres."""
+    max_rotation_error_deg: float = 10.0
+    """A camera whose attitude is off by more is of no use, degrees."""
+    max_position_error: float = 0.1
+    """A camera whose position is off by more is of no use, metres."""
+    min_useful: float = 0.5
+    """Least probability, by its covariance, that neither is."""
 
     def __post_init__(self) -> None:
         if not 0.5 <= self.min_probability < 1:
             raise ValueError(f"min_probability must lie in [0.5, 1); it is {self.min_probability}")
-        if min(self.max_rotation_std, self.max_position_std) <= 0:
-            raise ValueError("max_rotation_std and max_position_std must be positive")
+        if not 0 <= self.min_useful < 1:
+            raise ValueError(f"min_useful must lie in [0, 1); it is {self.min_useful}")
+        if min(self.max_rotation_error_deg, self.max_position_error) <= 0:
+            raise ValueError("max_rotation_error_deg and max_position_error must be positive")
 
     @property
     def min_log_odds(self) -> float:

@@ -64,7 +64,8 @@ def reachable(edges: Edges, cameras: int) -> BoolArray:
 def pose_factor(group: Group, tracks: Tracks, edges: Edges) -> PoseFactor:
     """The estimated poses as observations."""
     kernel = Student(group.config.consensus.likelihood.tail, dimension=6)
-    information = inverse(tracks.covariance[edges.track])
+    # Estimates are compared with the noise of unlike views and weighed with that which is usual within a group.
+    information = group.kinship * inverse(tracks.covariance[edges.track])
     return PoseFactor(edges.camera, edges.object, tracks.camera_from_object[edges.track], information, kernel)
 
 

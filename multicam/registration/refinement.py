@@ -13,6 +13,7 @@ from multicam.geometry import se3
 from multicam.matching.assignment import Tracks, associate
 from multicam.registration.edges import Edges, keypoint_factors, pose_factor, reachable, shared_edges
 from multicam.registration.group import Group
+from multicam.registration.kinship import count_alike, inflation
 from multicam.registration.placement import Placement
 from multicam.types import FloatArray
 
@@ -28,6 +29,7 @@ class Refinement:
         placement: refined poses; covariances relative to the world camera.
         tracks: which estimates are one object.
         edges: those that tie cameras together.
+        centre: (o, 3) of the shared objects, object frame.
         kinship: see NoiseModel.
         factors: what was minimised.
         world_from_object: (o, 4, 4) of the shared objects.
@@ -37,6 +39,7 @@ class Refinement:
     placement: Placement
     tracks: Tracks
     edges: Edges
+    centre: FloatArray
     kinship: float
     factors: tuple[EdgeFactor, ...]
     world_from_object: FloatArray
@@ -54,8 +57,9 @@ def refine(group: Group, placement: Placement) -> Refinement:
         if refinement is not None and tracks.same_identities(refinement.tracks):
             return replace(refinement, tracks=tracks)
         factors, shared = (pose_factor(group, tracks, edges),), tracks.fused[edges.shared]
+        centre = np.array([group.catalogue[o].box_centre() for o in shared.obj_id.tolist()]).reshape(-1, 3)
         start = Refinement(
-            placement, tracks, edges, group.kinship, factors, shared.frame_from_object, shared.covariance
+            placement, tracks, edges, centre, group.kinship, factors, shared.frame_from_object, shared.covariance
         )
         refinement = _minimize(start, group.config.solver)
         placement = refinement.placement
@@ -102,8 +106,19 @@ def _minimize(refinement: Refinement, config: LevenbergConfig) -> Refinement:
 def _conclude(refinement: Refinement, state: State, world: int) -> Refinement:
     """The refinement at another state, with covariances relative to the camera `world`."""
     problem = Problem(refinement.factors, np.arange(len(state.world_from_camera)) == world)
-    cameras, objects = problem.covariances(state, refinement.kinship * problem.noise_scale(state))
+    cameras, objects = problem.covariances(state, problem.noise_scale(state), _inflation(refinement, state))
     placement = replace(refinement.placement, world_from_camera=state.world_from_camera, covariance=cameras)
     return replace(
         refinement, placement=placement, world_from_object=state.world_from_object, object_covariance=objects
     )
+
+
+def _inflation(refinement: Refinement, state: State) -> FloatArray | None:
+    """(c, o) by how much to widen the edges of each camera and object; None if views count as independent."""
+    if refinement.kinship == 1:
+        return None
+    camera, obj = refinement.edges.camera, refinement.edges.object
+    pose = se3.inverse(state.world_from_camera)[camera] @ state.world_from_object[obj]
+    widened = np.ones((len(state.world_from_camera), len(state.world_from_object)))
+    widened[camera, obj] = inflation(refinement.kinship, count_alike(pose, refinement.centre[obj], obj))
+    return widened

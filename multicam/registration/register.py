@@ -8,7 +8,7 @@ import numpy as np
 
 from multicam.dataset.objects import Catalogue
 from multicam.matching.learned import NoiseModel
-from multicam.matching.linear import total_std
+from multicam.matching.linear import probability_within, total_std
 from multicam.registration.answer import component_of
 from multicam.registration.config import RegistrationConfig
 from multicam.registration.group import Group
@@ -83,14 +83,16 @@ def _without_imprecise(group: Group, found: Refinement, refusals: dict[int, str]
     limits = group.config.placement
     while True:
         found = sharpen(group, found)
-        rotation_std = total_std(found.placement.covariance[:, :3, :3])
-        position_std = total_std(found.placement.covariance[:, 3:, 3:])
-        excess = np.maximum(rotation_std / limits.max_rotation_std, position_std / limits.max_position_std)
-        worst = int(np.argmax(excess))
-        if excess[worst] <= 1:
+        rotation, position = found.placement.covariance[:, :3, :3], found.placement.covariance[:, 3:, 3:]
+        useless = 2 - (
+            probability_within(rotation, np.radians(limits.max_rotation_error_deg))
+            + probability_within(position, limits.max_position_error)
+        )
+        worst = int(np.argmax(useless))
+        if 1 - useless[worst] >= limits.min_useful:
             return found
         view = int(found.placement.views[worst])
-        refusals[view] = explain_imprecise(float(rotation_std[worst]), float(position_std[worst]))
+        refusals[view] = explain_imprecise(float(total_std(rotation)[worst]), float(total_std(position)[worst]))
         found = refine(group, found.placement.only(found.placement.views != view))
 
 

@@ -121,3 +121,15 @@ def keypoint_factor(rng: np.random.Generator, error: float) -> tuple[KeypointFac
     pixel = CAMERA.project(se3.act(pose, point)[0]) + error * rng.normal(size=(1, 2))
     std = rng.uniform(1, 3, size=(1, 2))
     return KeypointFactor(ONE, ONE, point, pixel, std, CAMERA.matrix[None], Student(2.0, 2)), pose
+
+
+@pytest.mark.parametrize(("tail", "dimension"), [(2.0, 6), (2.0, 2), (5.0, 3)])
+def test_information_over_a_student_distribution_is_that_of_fisher(
+    rng: np.random.Generator, tail: float, dimension: int
+) -> None:
+    student = Student(tail, dimension)
+    normal, spread = rng.normal(size=(200_000, dimension)), rng.chisquare(tail, 200_000) / tail
+    squared = np.sum(normal**2, axis=1) / spread
+    assert student.information(squared).mean() == pytest.approx((tail + dimension) / (tail + dimension + 2), rel=0.01)
+    # Smaller residuals are no proof of precision.
+    assert student.information(np.array([0.0])) == student.information(np.array([dimension - 1e-9]))

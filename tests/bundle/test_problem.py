@@ -233,7 +233,7 @@ def test_edge_covariances_are_those_of_the_dense_inverse(rng: np.random.Generato
     factor = task.factors[0]
     state = minimize(task, state, LevenbergConfig()).state
     found = task.edge_covariances(state, factor)
-    joint = np.linalg.inv(dense(task._capped(state, 1.0))[0])
+    joint = np.linalg.inv(dense(task._capped(state))[0])
     cameras = CAMERAS - 1
     for edge, (camera, obj) in enumerate(zip(factor.camera, factor.object, strict=True)):
         jacobian = np.zeros((6, len(joint)))
@@ -242,3 +242,20 @@ def test_edge_covariances_are_those_of_the_dense_inverse(rng: np.random.Generato
             relative = se3.inverse(state.world_from_object[obj]) @ state.world_from_camera[camera]
             jacobian[:, 6 * (camera - 1) :][:, :6] = -se3.adjoint(relative)
         assert_close(found[edge], jacobian @ joint @ jacobian.T, atol=1e-9, rtol=1e-6)
+
+
+def test_inflated_edges_count_for_less(rng: np.random.Generator) -> None:
+    state = truth(rng)
+    task = problem(rng, state, noise=0.0)
+    shape = len(state.world_from_camera), len(state.world_from_object)
+    plain, wide = task.covariances(state), task.covariances(state, inflation=np.full(shape, 3.0))
+    for before, after in zip(plain, wide, strict=True):
+        assert_close(after, 3 * before, rtol=1e-9, atol=1e-15)
+    one = np.ones(shape)
+    one[1] = 3.0
+    ratio = (
+        np.trace(task.covariances(state, inflation=one)[0], axis1=1, axis2=2)[1:]
+        / np.trace(plain[0], axis1=1, axis2=2)[1:]
+    )
+    assert ratio[0] > 1.5
+    assert np.all(ratio[1:] < ratio[0])
