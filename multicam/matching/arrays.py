@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from multicam.matching.compare import greatest
+
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
@@ -23,8 +25,6 @@ def rank_in_group(group: IntArray) -> IntArray:
 
 def is_best(slot: IntArray, value: NDArray[np.float64]) -> BoolArray:
     """Whether an element has the greatest value of all elements in its slot; exactly one per slot."""
-    order = np.argsort(value, kind="stable")
-    winner = np.zeros(slot.max(initial=-1) + 1, dtype=np.int64)
-    # Of repeated indices the last assignment stays, which is the greatest value.
-    winner[slot[order]] = order
+    winner = np.full(slot.max(initial=-1) + 1, -1, dtype=np.int64)
+    greatest(slot, value, winner)
     return winner[slot] == np.arange(len(slot))

@@ -13,6 +13,7 @@ import numpy as np
 
 from multicam.geometry import se3
 from multicam.matching.arrays import BoolArray, IntArray, is_best, rank_in_group
+from multicam.matching.compare import accumulate
 from multicam.matching.hypotheses import Hypotheses, Measurements
 from multicam.matching.likelihood import LikelihoodConfig
 from multicam.matching.linear import apply, inverse, invert, squared_norm
@@ -68,22 +69,21 @@ def find_consensus(measurements: Measurements, hypotheses: Hypotheses, config: C
     first = _Round.of(measurements, hypotheses.link, hypotheses.pose, hypotheses.covariance, config.likelihood)
     order = np.lexsort((-first.score, hypotheses.link))
     kept = hypotheses[order[rank_in_group(hypotheses.link[order]) < config.refined]]
-    pose = kept.pose
+    link, pose = kept.link, kept.pose
     for _ in range(config.rounds):
-        pose = _Round.of(measurements, kept.link, pose, None, config.likelihood).refitted(measurements)[0]
-    last = _Round.of(measurements, kept.link, pose, None, config.likelihood)
+        pose, covariance, evidence = _Round.of(measurements, link, pose, None, config.likelihood).refitted(measurements)
+        # Most hypotheses soon tell the pose of the best one, which then stands for them.
+        best = _best(link, evidence)
+        kept_on = _differs(link, pose, covariance, best)
+        kept_on[best] = True
+        link, pose = link[kept_on], pose[kept_on]
+    last = _Round.of(measurements, link, pose, None, config.likelihood)
     _, covariance, evidence = last.refitted(measurements)
-    order = np.lexsort((-evidence, kept.link))
-    link, pose, covariance = kept.link[order], pose[order], covariance[order]
-    best = np.flatnonzero(rank_in_group(link) == 0)
-    return Consensus(
-        frames=measurements.frames,
-        pose=pose[best],
-        covariance=covariance[best],
-        evidence=evidence[order][best],
-        rival=_rivals(link, best, pose, covariance, evidence[order]),
-        support=last.support[order][best],
-    )
+    best = _best(link, evidence)
+    other = _differs(link, pose, covariance, best)
+    rival = np.full(len(best), -np.inf)
+    np.maximum.at(rival, np.searchsorted(link[best], link[other]), evidence[other])
+    return Consensus(measurements.frames, pose[best], covariance[best], evidence[best], rival, last.support[best])
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,10 +116,7 @@ class _Round:
         likelihood: LikelihoodConfig,
     ) -> _Round:
         """Compares; `covariance` is that of the poses where they do not stem from all that agrees with them."""
-        owner, member = measurements.of_link(link)
-        difference = measurements.difference(member, pose[owner])
-        near = np.trace(difference[:, :3, :3], axis1=-2, axis2=-1) > 1 + 2 * np.cos(LARGEST_TURN)
-        owner, member, residual = owner[near], member[near], se3.log(difference[near])
+        owner, member, residual = measurements.near(link, pose, LARGEST_TURN)
         if covariance is None:
             information, determinant = measurements.information[member], measurements.log_determinant[member]
         else:
@@ -147,8 +144,8 @@ class _Round:
         """Poses after a weighted step on all that agrees (h, 4, 4), covariances (h, 6, 6), and evidence (h,)."""
         information = self.weight[:, None, None] * measurements.information[self.member]
         normal, right = np.zeros((len(self.pose), 6, 6)), np.zeros((len(self.pose), 6))
-        np.add.at(normal, self.owner, information)
-        np.add.at(right, self.owner, apply(information, self.residual))
+        accumulate(self.owner, information, normal)
+        accumulate(self.owner, apply(information, self.residual), right)
         # A hypothesis that nothing supports stays where it is and gets no evidence.
         supported = self.support > 0
         normal[~supported] = np.eye(6)
@@ -164,14 +161,14 @@ def _one_to_one(owner: IntArray, measurements: Measurements, member: IntArray, g
     return by_reference & is_best(owner * (query.max(initial=0) + 1) + query, gain)
 
 
-def _rivals(
-    link: IntArray, best: IntArray, pose: FloatArray, covariance: FloatArray, evidence: FloatArray
-) -> FloatArray:
-    """Greatest evidence, per link, of poses that differ from the best one."""
+def _best(link: IntArray, evidence: FloatArray) -> IntArray:
+    """(l,) the pose with the greatest evidence of each link; links ascend."""
+    order = np.lexsort((-evidence, link))
+    return order[rank_in_group(link[order]) == 0]
+
+
+def _differs(link: IntArray, pose: FloatArray, covariance: FloatArray, best: IntArray) -> BoolArray:
+    """(h,) whether a pose is another one than the best of its link."""
     winner = best[np.searchsorted(link[best], link)]
     difference = se3.minus(pose, pose[winner])
-    spread = covariance + covariance[winner]
-    other = squared_norm(difference, inverse(spread)) > SAME_POSE
-    rival = np.full(len(best), -np.inf)
-    np.maximum.at(rival, np.searchsorted(link[best], link[other]), evidence[other])
-    return rival
+    return squared_norm(difference, inverse(covariance + covariance[winner])) > SAME_POSE

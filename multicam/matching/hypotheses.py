@@ -14,9 +14,10 @@ import numpy as np
 
 from multicam.geometry import se3
 from multicam.matching.arrays import BoolArray, IntArray, ragged, rank_in_group
+from multicam.matching.compare import difference_all, near_differences
 from multicam.matching.linear import apply, congruent, inverse, invert
 from multicam.matching.observations import PosedObjects
-from multicam.matching.symmetry import SymmetryTable, closest_turn
+from multicam.matching.symmetry import SymmetryTable
 from multicam.types import FloatArray
 
 PARTNERS = 3
@@ -54,20 +55,30 @@ class Measurements:
     def __len__(self) -> int:
         return len(self.link)
 
-    def of_link(self, link: IntArray) -> tuple[IntArray, IntArray]:
-        """All measurements of each given link: (owner, member) flat."""
-        start, stop = np.searchsorted(self.link, link), np.searchsorted(self.link, link, side="right")
-        return ragged(start, stop - start)
+    def range_of(self, link: IntArray) -> tuple[IntArray, IntArray]:
+        """Where the measurements of each given link start and stop."""
+        return np.searchsorted(self.link, link), np.searchsorted(self.link, link, side="right")
 
     def difference(self, member: IntArray, pose: FloatArray) -> FloatArray:
         """(n, 4, 4) pose^-1 measured of measurements `member`, each turned about its axis to come closest."""
-        relative = se3.inverse(pose) @ self.pose[member]
-        axis = self.axis[member]
-        turning = np.any(axis, axis=-1)
-        if np.any(turning):
-            angle = closest_turn(relative[turning, :3, :3], axis[turning, :3])
-            relative[turning] = relative[turning] @ se3.exp(angle[:, None] * axis[turning])
+        relative = np.empty((len(member), 4, 4))
+        difference_all(np.ascontiguousarray(pose), self.pose[member], self.axis[member], relative)
         return relative
+
+    def near(self, link: IntArray, pose: FloatArray, largest_turn: float) -> tuple[IntArray, IntArray, FloatArray]:
+        """Logarithms of the differences of poses (h, 4, 4) to all measurements of their links (h,).
+
+        Returns:
+            Pose and measurement (n,) and their difference (n, 6), where it turns by less than `largest_turn` radians.
+        """
+        start, stop = self.range_of(link)
+        most = int(np.sum(stop - start))
+        owner, member, residual = np.empty(most, np.int64), np.empty(most, np.int64), np.empty((most, 6))
+        least_trace = 1 + 2 * np.cos(largest_turn)
+        count = near_differences(
+            np.ascontiguousarray(pose), start, stop, self.pose, self.axis, least_trace, owner, member, residual
+        )
+        return owner[:count], member[:count], residual[:count]
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,7 +167,8 @@ def _second_objects(
     measurements: Measurements, turning: IntArray, reference_centre: FloatArray, query_centre: FloatArray
 ) -> tuple[IntArray, IntArray, FloatArray]:
     """For measurements with an axis: (first, second, angle) that bring the second object's centres together."""
-    owner, second = measurements.of_link(measurements.link[turning])
+    start, stop = measurements.range_of(measurements.link[turning])
+    owner, second = ragged(start, stop - start)
     first = turning[owner]
     # Symmetric variants of the second object share its centre, so the first variant stands for all.
     fits = measurements.variant[second] == 0

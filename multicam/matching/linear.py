@@ -8,6 +8,9 @@ from scipy.special import gammainc
 from multicam.matching.cholesky import invert_all
 from multicam.types import FloatArray
 
+LARGE = 24
+"""Rows from which LAPACK is faster than the compiled loops."""
+
 
 def invert(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Inverses and log determinants of symmetric positive definite matrices (..., n, n).
@@ -18,11 +21,21 @@ def invert(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
     Raises:
         numpy.linalg.LinAlgError: a matrix is not positive definite.
     """
+    if matrix.ndim == 2 and len(matrix) > LARGE:
+        return _invert_large(matrix)
     result, log_determinant = np.empty(matrix.shape), np.empty(matrix.shape[:-2])
     flat = np.ascontiguousarray(matrix).reshape(log_determinant.size, *matrix.shape[-2:])
     if not invert_all(flat, result.reshape(flat.shape), log_determinant.reshape(-1)):
         raise np.linalg.LinAlgError("matrix is not positive definite")
     return result, log_determinant
+
+
+def _invert_large(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
+    diagonal = np.diagonal(np.linalg.cholesky(matrix))
+    if not np.all(np.isfinite(diagonal)):
+        raise np.linalg.LinAlgError("matrix is not positive definite")
+    half = np.tril(np.linalg.inv(matrix))
+    return half + np.tril(half, -1).T, np.asarray(2 * np.log(diagonal).sum(), dtype=np.float64)
 
 
 def inverse(matrix: FloatArray) -> FloatArray:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from multicam.dataset.objects import Catalogue
-from multicam.geometry import se3, so3
+from multicam.geometry import se3
 from multicam.geometry.symmetry import Axis
 from multicam.matching.arrays import IntArray
 from multicam.types import FloatArray
@@ -57,19 +57,3 @@ class SymmetryTable:
 def axis_twist(axis: Axis) -> FloatArray:
     """(6,) twist whose exponential, times an angle, is the rotation about the axis."""
     return np.concatenate((axis.direction, np.cross(axis.offset, axis.direction)))
-
-
-def closest_turn(rotation: FloatArray, direction: FloatArray) -> FloatArray:
-    """Angle a for which rotation @ exp(a * direction) is closest to the identity; 0 where the direction is zero.
-
-    trace(R exp(a n)) = cos a (tr R - n'Rn) - 2 sin a (n . vee R) + n'Rn.
-
-    Args:
-        rotation: (..., 3, 3).
-        direction: (..., 3) unit vectors or zeros.
-    """
-    along = np.einsum("...i,...ij,...j->...", direction, rotation, direction)
-    trace = np.trace(rotation, axis1=-2, axis2=-1)
-    has_axis = np.any(direction != 0, axis=-1)
-    angle = np.arctan2(-2 * np.sum(direction * so3.vee(rotation), axis=-1), trace - along)
-    return np.where(has_axis, angle, 0.0)

@@ -20,6 +20,9 @@ from multicam.types import FloatArray
 FREE_TURN = 0.35
 """Root mean square error of an attitude, radians, from which its linear covariance means nothing: a turn is free."""
 
+PARTNERS = 5
+"""Other views that each view is compared with first: enough to hold many together, and time grows with its number."""
+
 MAP = -1
 """Stands for the map of fused objects where the index of a view is expected."""
 
@@ -62,9 +65,27 @@ class Link:
 
 
 def links_between_views(group: Group) -> list[Link]:
-    """One link for each pair of views that hold estimates of a common class."""
+    """One link for each pair of views with estimates of a common class; of many views, for the likeliest pairs."""
     estimates = group.estimates
-    return _find(group, estimates, estimates, estimates.frame[:, None] < estimates.frame[None, :])
+    chosen = _likely_pairs(estimates, len(group.views))[estimates.frame[:, None], estimates.frame[None, :]]
+    return _find(group, estimates, estimates, chosen & (estimates.frame[:, None] < estimates.frame[None, :]))
+
+
+def _likely_pairs(estimates: PosedObjects, views: int) -> BoolArray:
+    """(v, v) symmetric: whether one of two views is among the PARTNERS with which the other has most classes in common.
+
+    Among equals the next ones in the circle of views go first, which keeps all of them connected.
+    """
+    classes, column = np.unique(estimates.obj_id, return_inverse=True)
+    sees = np.zeros((views, len(classes)))
+    sees[estimates.frame, column] = 1
+    common = sees @ sees.T
+    ahead = (np.arange(views)[None, :] - np.arange(views)[:, None]) % views
+    rank = np.argsort(np.argsort(ahead - views * common, axis=1), axis=1)
+    np.fill_diagonal(common, 0)
+    # A view stands first in its own ranking.
+    chosen = (rank <= PARTNERS) & (common > 0)
+    return chosen | chosen.T
 
 
 def links_to_map(group: Group, fused: PosedObjects, views: set[int]) -> list[Link]:

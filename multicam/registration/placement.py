@@ -28,9 +28,6 @@ class Placement:
     world_from_camera: FloatArray
     covariance: FloatArray
 
-    def __contains__(self, view: object) -> bool:
-        return view in self.views
-
     def extended(self, link: Link) -> Placement:
         """With the query of a link from a placed view or from the map."""
         pose, covariance = link.pose, link.covariance
@@ -58,14 +55,11 @@ def spread(placement: Placement, links: Iterable[Link], open_views: set[int]) ->
     """Adds views over believed links from placed ones, the link with the greatest log odds first (Prim)."""
     believed = [link for link in links if link.doubt is None]
     both_ways = believed + [link.reversed() for link in believed if link.reference != MAP]
-    while True:
-        next_links = [
-            link
-            for link in both_ways
-            if link.query in open_views
-            and link.query not in placement
-            and (link.reference in placement or link.reference == MAP)
-        ]
-        if not next_links:
-            return placement
-        placement = placement.extended(max(next_links, key=lambda link: link.log_odds))
+    placed = {MAP, *placement.views.tolist()}
+    while next_links := [
+        link for link in both_ways if link.reference in placed and link.query in open_views and link.query not in placed
+    ]:
+        best = max(next_links, key=lambda link: link.log_odds)
+        placement = placement.extended(best)
+        placed.add(best.query)
+    return placement

@@ -10,7 +10,7 @@ from multicam.matching.linear import invert, probability_within
 from tests.close import assert_close
 
 
-@pytest.mark.parametrize("shape", [(6, 6), (4, 3, 3), (2, 3, 6, 6), (0, 6, 6), (5, 0, 0), (1, 40, 40)])
+@pytest.mark.parametrize("shape", [(6, 6), (4, 3, 3), (2, 3, 6, 6), (0, 6, 6), (5, 0, 0), (1, 40, 40), (40, 40)])
 def test_inverses_and_determinants_are_those_of_numpy(rng: np.random.Generator, shape: tuple[int, ...]) -> None:
     root = rng.normal(size=shape)
     matrix = root @ np.swapaxes(root, -1, -2) + 0.1 * np.eye(shape[-1])
@@ -23,6 +23,8 @@ def test_inverses_and_determinants_are_those_of_numpy(rng: np.random.Generator, 
 def test_what_is_not_positive_definite_has_no_inverse(matrix: np.ndarray) -> None:
     with pytest.raises(np.linalg.LinAlgError, match="positive definite"):
         invert(np.stack((np.eye(3), matrix)))
+    with pytest.raises(np.linalg.LinAlgError, match="positive definite"):
+        invert(np.kron(np.eye(10), matrix))
 
 
 def test_the_probability_of_a_length_is_exact_for_round_and_flat_covariances() -> None:

@@ -1,22 +1,12 @@
 from __future__ import annotations
 
 import numpy as np
-from hypothesis import given
 
 from multicam.dataset.objects import Catalogue
-from multicam.geometry import se3, so3
+from multicam.geometry import se3
 from multicam.geometry.symmetry import Axis
-from multicam.matching.symmetry import SymmetryTable, axis_twist, closest_turn
-from tests.strategies import directions, rotations
+from multicam.matching.symmetry import SymmetryTable, axis_twist
 from tests.toy_objects import BRACKET, PEG, PEG_OFFSET, PLATE, ROD, toy_catalogue
-
-
-@given(rotations(), directions())
-def test_closest_turn_is_the_best_of_all_angles(rotation: np.ndarray, direction: np.ndarray) -> None:
-    angles = np.linspace(-np.pi, np.pi, 721)
-    traces = np.trace(rotation @ so3.exp(angles[:, None] * direction), axis1=-2, axis2=-1)
-    found = closest_turn(rotation, direction)
-    assert np.trace(rotation @ so3.exp(found * direction)) >= traces.max() - 1e-9
 
 
 def test_the_twist_of_an_axis_turns_about_it() -> None:
