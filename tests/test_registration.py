@@ -13,7 +13,8 @@ from multicam.errors import DataError
 from multicam.geometry import se3
 from multicam.registration import RegistrationConfig, register_views
 from multicam.registration.config import PlacementConfig
-from multicam.registration.links import Link
+from multicam.registration.group import Group
+from multicam.registration.links import PARTNERS, Link, links_between_views
 from multicam.registration.placement import seed
 from multicam.types import Component, ObjectEstimate, Registration, View
 from tests.strategies import seeds
@@ -275,6 +276,14 @@ def test_many_cameras_and_objects(rng: np.random.Generator) -> None:
     component = only(register(world.views(rng, rotation_noise=0.01, translation_noise=0.002, with_detections=False)))
     assert len(component.cameras) == 8
     assert max(camera_error(world.world_from_camera, component)) < 0.03
+
+
+def test_many_views_are_compared_with_a_few_others_each(rng: np.random.Generator) -> None:
+    world = make_world(rng, num_cameras=20)
+    views = world.views(rng, rotation_noise=0.01, translation_noise=0.002, with_detections=False)
+    group = Group.of(views, CATALOGUE, RegistrationConfig(), None)
+    assert len(links_between_views(group)) <= 20 * PARTNERS
+    assert len(only(register(views)).cameras) == 20
 
 
 def _twin(estimate: ObjectEstimate, rng: np.random.Generator) -> ObjectEstimate:
