@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from multicam.bundle.compiled import add_edges
 from multicam.bundle.factor import Linearization
-from multicam.geometry import se3
 from multicam.matching.arrays import BoolArray, IntArray
 from multicam.matching.linear import apply, congruent, inverse
 from multicam.types import FloatArray
@@ -41,19 +41,15 @@ class NormalEquations:
         self,
         camera: IntArray,
         obj: IntArray,
-        object_from_camera: FloatArray,
+        camera_from_object: FloatArray,
         local: Linearization,
         weight: FloatArray,
     ) -> None:
-        """Adds edges (e,) with robust weights (e,)."""
-        gradient, hessian = weight[:, None] * local.gradient, weight[:, None, None] * local.hessian
-        jacobian = -se3.adjoint(object_from_camera)
-        transposed = np.swapaxes(jacobian, -1, -2)
-        mixed = hessian @ jacobian
-        np.add.at(self.object_hessian, obj, hessian)
-        np.add.at(self.object_gradient, obj, gradient)
-        np.add.at(self.coupling, (obj, camera), mixed)
-        self.add_cameras(camera, apply(transposed, gradient), transposed @ mixed)
+        """Adds edges (e,) at poses (e, 4, 4) with robust weights (e,)."""
+        add_edges(
+            camera, obj, camera_from_object, local.gradient, local.hessian, weight,
+            self.camera_hessian, self.object_hessian, self.coupling, self.camera_gradient, self.object_gradient,
+        )  # fmt: skip
 
     def add_cameras(self, camera: IntArray, gradient: FloatArray, hessian: FloatArray) -> None:
         """Adds gradients (p, 6) and Hessians (p, 6, 6) in the right tangents of cameras (p,)."""

@@ -6,11 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from multicam.bundle.compiled import linearize_poses
 from multicam.bundle.factor import Linearization
 from multicam.bundle.robust import Student
-from multicam.geometry import se3
 from multicam.matching.arrays import IntArray
-from multicam.matching.linear import apply, squared_norm
 from multicam.types import FloatArray
 
 
@@ -35,11 +34,7 @@ class PoseFactor:
 
     def linearize(self, camera_from_object: FloatArray) -> Linearization:
         """See EdgeFactor. dr/dxi = left_jacobian_inverse(-r)."""
-        residual = se3.minus(camera_from_object, self.observed)
-        jacobian = se3.left_jacobian_inverse(-residual)
-        pulled = np.swapaxes(jacobian, -1, -2) @ self.information
-        return Linearization(
-            energy=squared_norm(residual, self.information) / 2,
-            gradient=apply(pulled, residual),
-            hessian=pulled @ jacobian,
-        )
+        count = len(camera_from_object)
+        energy, gradient, hessian = np.empty(count), np.empty((count, 6)), np.empty((count, 6, 6))
+        linearize_poses(camera_from_object, self.observed, self.information, energy, gradient, hessian)
+        return Linearization(energy, gradient, hessian)

@@ -55,7 +55,7 @@ class Problem:
         for factor, pose, local in self._edges(state):
             squared = 2 * local.energy
             energy += float(factor.kernel.energy(squared).sum())
-            system.add_edges(factor.camera, factor.object, se3.inverse(pose), local, factor.kernel.weight(squared))
+            system.add_edges(factor.camera, factor.object, pose, local, factor.kernel.weight(squared))
         for prior in self.priors:
             local = prior.linearize(state.world_from_camera[prior.camera])
             energy += float(local.energy.sum())
@@ -119,7 +119,7 @@ class Problem:
             weight = factor.kernel.information(2 * local.energy / noise_scale) / noise_scale
             if inflation is not None:
                 weight = weight / inflation[factor.camera, factor.object]
-            system.add_edges(factor.camera, factor.object, se3.inverse(pose), local, weight)
+            system.add_edges(factor.camera, factor.object, pose, local, weight)
         for prior in self.priors:
             local = prior.linearize(state.world_from_camera[prior.camera])
             system.add_cameras(prior.camera, local.gradient, local.hessian)

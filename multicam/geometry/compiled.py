@@ -145,6 +145,18 @@ def inverse(transform, out):
 
 @njit(cache=True, error_model="numpy")
 @no_type_check
+def compose(a, b, out):
+    """Product of two transforms (4, 4)."""
+    for i in range(3):
+        for j in range(4):
+            out[i, j] = a[i, 0] * b[0, j] + a[i, 1] * b[1, j] + a[i, 2] * b[2, j]
+        out[i, 3] += a[i, 3]
+        out[3, i] = 0.0
+    out[3, 3] = 1.0
+
+
+@njit(cache=True, error_model="numpy")
+@no_type_check
 def adjoint(transform, out):
     """(6, 6) [[R, 0], [hat(t) R, R]] of a transform (4, 4)."""
     x, y, z = transform[0, 3], transform[1, 3], transform[2, 3]

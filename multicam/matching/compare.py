@@ -36,12 +36,12 @@ def difference(pose, measured, axis, out):
     """pose^-1 measured (4, 4), turned about an axis (6,), if that is not zero, to come closest to the identity."""
     inverse = np.empty((4, 4))
     compiled.inverse(pose, inverse)
-    _product(inverse, measured, out)
+    compiled.compose(inverse, measured, out)
     if axis[0] != 0 or axis[1] != 0 or axis[2] != 0:
         angle = turn_angle(out[:3, :3], axis[:3])
         turn, turned = np.empty((4, 4)), np.empty((4, 4))
         compiled.transform_exp(angle * axis, turn)
-        _product(out, turn, turned)
+        compiled.compose(out, turn, turned)
         out[:] = turned
 
 
@@ -92,14 +92,3 @@ def greatest(slot, value, winner):
         best = winner[slot[n]]
         if best < 0 or value[n] >= value[best]:
             winner[slot[n]] = n
-
-
-@njit(cache=True, error_model="numpy")
-def _product(a, b, out):
-    """Product of two rigid transforms (4, 4)."""
-    for i in range(3):
-        for j in range(4):
-            out[i, j] = a[i, 0] * b[0, j] + a[i, 1] * b[1, j] + a[i, 2] * b[2, j]
-        out[i, 3] += a[i, 3]
-        out[3, i] = 0.0
-    out[3, 3] = 1.0

@@ -1,0 +1,66 @@
+# pyright: basic, reportUntypedFunctionDecorator=false
+# Numba ships no types; pose and normal, which wrap these kernels, are strict.
+"""Edges between cameras and objects, compiled: one loop each, for a scene has a handful of them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from multicam.geometry import compiled
+
+
+@njit(cache=True, error_model="numpy")
+def linearize_poses(pose, observed, information, energy, gradient, hessian):
+    """See PoseFactor: writes energies (e,), gradients (e, 6) and Hessians (e, 6, 6) at poses (e, 4, 4)."""
+    inverse, difference, jacobian = np.empty((4, 4)), np.empty((4, 4)), np.empty((6, 6))
+    residual, pulled = np.empty(6), np.empty((6, 6))
+    for e in range(len(pose)):
+        compiled.inverse(observed[e], inverse)
+        compiled.compose(inverse, pose[e], difference)
+        compiled.transform_log(difference, residual)
+        compiled.left_jacobian_inverse(-residual, jacobian)
+        product(jacobian.T, information[e], pulled)
+        product(pulled, jacobian, hessian[e])
+        squared = 0.0
+        for i in range(6):
+            total = 0.0
+            for j in range(6):
+                total += pulled[i, j] * residual[j]
+                squared += residual[i] * information[e, i, j] * residual[j]
+            gradient[e, i] = total
+        energy[e] = squared / 2
+
+
+@njit(cache=True, error_model="numpy")
+def add_edges(
+    camera, obj, pose, gradient, hessian, weight,
+    camera_hessian, object_hessian, coupling, camera_gradient, object_gradient,
+):  # fmt: skip
+    """See NormalEquations.add_edges: adds edges (e,) at poses camera_from_object (e, 4, 4)."""
+    inverse, jacobian, mixed, square = np.empty((4, 4)), np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6))
+    for e in range(len(pose)):
+        c, o, w = camera[e], obj[e], weight[e]
+        compiled.inverse(pose[e], inverse)
+        compiled.adjoint(inverse, jacobian)
+        product(hessian[e], jacobian, mixed)
+        product(jacobian.T, mixed, square)
+        # The camera moves the pose by minus the adjoint.
+        for i in range(6):
+            object_gradient[o, i] += w * gradient[e, i]
+            for j in range(6):
+                object_hessian[o, i, j] += w * hessian[e, i, j]
+                coupling[o, c, i, j] -= w * mixed[i, j]
+                camera_hessian[c, i, j] += w * square[i, j]
+                camera_gradient[c, i] -= w * jacobian[j, i] * gradient[e, j]
+
+
+@njit(cache=True, error_model="numpy")
+def product(a, b, out):
+    """Product of two matrices (6, 6); BLAS would take longer to call than to work."""
+    for i in range(6):
+        for j in range(6):
+            total = 0.0
+            for k in range(6):
+                total += a[i, k] * b[k, j]
+            out[i, j] = total
