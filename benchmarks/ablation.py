@@ -2,19 +2,20 @@
 
     python benchmarks/ablation.py [--bench DIR] [--every 5] [--workers 2]
 
+--every applies to YCB-V.
+
 Each row leaves one ingredient out: the learning of the noise, the shape of the covariances (depth as certain as the
 image plane), symmetries, the refit of a hypothesis on all that agrees with it, the joint refinement.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import tempfile
 from dataclasses import replace
 from pathlib import Path
 
-from registration import default_bench, load_scorer, machine
+from registration import load_scorer, machine, parse
 from rich.console import Console
 from rich.table import Table
 
@@ -40,11 +41,7 @@ WITHOUT = {
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--bench", type=Path, default=default_bench())
-    parser.add_argument("--every", type=int, default=5, help="use every n-th group of YCB-V only")
-    parser.add_argument("--workers", type=int, default=1)
-    options = parser.parse_args()
+    options = parse(__doc__, every=5)
     scorer = load_scorer(options.bench / "score.py")
     print(machine())
     table = Table("data", "estimates", "views", "without", *COLUMNS.values(), title="Ablation")

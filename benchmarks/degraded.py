@@ -8,7 +8,6 @@ detections of absent classes added, and only 4, 3 or 2 classes of each scene kep
 
 from __future__ import annotations
 
-import argparse
 import json
 import tempfile
 from collections import Counter
@@ -17,7 +16,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from registration import default_bench, load_scorer, machine, register
+from registration import load_scorer, machine, parse, register
 from rich.console import Console
 from rich.table import Table
 
@@ -32,11 +31,7 @@ FALSE_SHARE = 0.3
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--bench", type=Path, default=default_bench())
-    parser.add_argument("--every", type=int, default=1, help="use every n-th group only")
-    parser.add_argument("--workers", type=int, default=1)
-    options = parser.parse_args()
+    options = parse(__doc__)
     dataset = options.bench / "ycbv"
     scorer = load_scorer(options.bench / "score.py")
     truth = scorer.Truth(dataset)

@@ -45,11 +45,7 @@ COLUMNS = {
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--bench", type=Path, default=default_bench())
-    parser.add_argument("--every", type=int, default=1, help="use every n-th group only")
-    parser.add_argument("--workers", type=int, default=1)
-    options = parser.parse_args()
+    options = parse(__doc__)
     print(machine())
     table = Table("data", "estimates", "views", "groups", *COLUMNS.values(), title="Registration")
     scorer = load_scorer(options.bench / "score.py")
@@ -57,6 +53,15 @@ def main() -> None:
         for row in rows_of(dataset, scorer, options.every, options.workers):
             table.add_row(*row)
     Console(width=170).print(table)
+
+
+def parse(description: str | None, every: int = 1) -> argparse.Namespace:
+    """The options that all benchmarks on this data share."""
+    parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--bench", type=Path, default=default_bench())
+    parser.add_argument("--every", type=int, default=every, help="use every n-th group only")
+    parser.add_argument("--workers", type=int, default=1)
+    return parser.parse_args()
 
 
 def rows_of(dataset: Path, scorer: ModuleType, every: int, workers: int) -> list[list[str]]:
