@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 
 from multicam.bundle.levenberg import minimize
 from multicam.bundle.problem import Problem, State
@@ -46,5 +46,10 @@ def disagreement(group: Group, found: Refinement) -> FloatArray:
 
 def variance_ratio(distances: FloatArray) -> float:
     """How much larger variances are than stated, by squared distances (n,) of six dimensions."""
-    expected = chi2.ppf((np.arange(PRIOR) + 0.5) / PRIOR, 6)
-    return float(np.quantile(np.concatenate((distances, expected)), QUANTILE) / chi2.ppf(QUANTILE, 6))
+    expected = _chi_square((np.arange(PRIOR) + 0.5) / PRIOR)
+    return float(np.quantile(np.concatenate((distances, expected)), QUANTILE) / _chi_square(np.array(QUANTILE)))
+
+
+def _chi_square(probability: FloatArray) -> FloatArray:
+    """Quantiles of the chi-square distribution with 6 degrees of freedom."""
+    return 2 * gammaincinv(3, probability)
