@@ -28,9 +28,8 @@ from multicam.registration import LearningConfig, RegistrationConfig
 
 SETS = (("ycbv", "cosypose", 3), ("ycbv", "posecnn", 5), ("tless", "megapose", 4), ("lmo", "megapose", 3))
 COLUMNS = {"placed": "placed %", "mean_t": "mean mm", "good": "good %", "false": "false %", "nees95": "nees95 %"}
-EVERYTHING = "nothing"
 WITHOUT = {
-    EVERYTHING: RegistrationConfig(),
+    "nothing": RegistrationConfig(),
     "learning": RegistrationConfig(),
     "shape of covariances": RegistrationConfig(noise=NoiseConfig(depth_ratio=1.0)),
     "symmetries": RegistrationConfig(),

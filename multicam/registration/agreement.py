@@ -112,7 +112,7 @@ def update(residuals: Residuals, noise: NoiseModel, student: Student) -> NoiseMo
     common = (COMMON_PRIOR + squares.sum(axis=0)) / (COMMON_PRIOR + redundancy.sum(axis=0))
     classes: dict[int, ClassNoise] = {}
     for obj_id in np.unique(residuals.obj_id).tolist():
-        own = residuals.of_class(obj_id)
+        own = residuals.obj_id == obj_id
         variance = (CLASS_PRIOR * common + squares[own].sum(axis=0)) / (CLASS_PRIOR + redundancy[own].sum(axis=0))
         relative = residuals.deviation[own, 5] / residuals.distance[own]
         depth_variance = residuals.expected[own, 5, 5] * before[own, 2] ** 2

@@ -73,24 +73,20 @@ class Residuals:
         """All in one."""
         return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in cls.__dataclass_fields__))
 
-    def of_class(self, obj_id: int) -> BoolArray:
-        """(e,) which residuals are of a class."""
-        return self.obj_id == obj_id
-
     def relative_to(self, noise: NoiseModel) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Squared deviation, variance of the place and count of directions, (e, 3) each: per block.
 
         Squares are in units of the variances that a noise model expects, variances of places in units of those in use.
         Free directions count nowhere.
         """
-        squared, share, count = (np.zeros((len(self.obj_id), 3)) for _ in range(3))
+        squared, place, count = (np.zeros((len(self.obj_id), 3)) for _ in range(3))
         factors = noise.factors(self.obj_id)
         for n, block in enumerate(BLOCKS):
             variances, directions = np.linalg.eigh(self.expected[:, block, block])
             bound = variances <= FREE
             deviation = np.einsum("eij,ei->ej", directions, self.deviation[:, block])
-            place = np.einsum("eki,ekl,eli->ei", directions, self.place[:, block, block], directions)
+            variance = np.einsum("eki,ekl,eli->ei", directions, self.place[:, block, block], directions)
             squared[:, n] = np.sum(bound * deviation**2 / variances, axis=1) / factors[:, block.start] ** 2
-            share[:, n] = np.sum(bound * place / variances, axis=1) / self.factors[:, block.start] ** 2
+            place[:, n] = np.sum(bound * variance / variances, axis=1) / self.factors[:, block.start] ** 2
             count[:, n] = np.sum(bound, axis=1)
-        return squared, share, count
+        return squared, place, count
