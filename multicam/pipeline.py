@@ -12,13 +12,19 @@ from dataclasses import dataclass, field, replace
 
 from multicam.dataset.objects import Catalogue
 from multicam.dataset.runs import CameraResult, ObjectResult, Status, StepResult
+from multicam.geometry import se3
 from multicam.geometry.camera import Camera
-from multicam.registration import RegistrationConfig, register_views
-from multicam.scenegraph import update
-from multicam.scenegraph.fold import CameraNow, cameras_now, fold_cameras, fold_objects
-from multicam.scenegraph.graph import GraphConfig, SceneGraph, TrackedPose
-from multicam.scenegraph.keyframe import KeyframeConfig
-from multicam.types import Frame, FrameSet, ObjectEstimate, Registration, View
+from multicam.registration import RegistrationConfig
+from multicam.scenegraph.advance import TrackedPose, advance
+from multicam.scenegraph.config import GraphConfig
+from multicam.scenegraph.expectation import predicted
+from multicam.scenegraph.graph import SceneGraph
+from multicam.scenegraph.keyframe import keep
+from multicam.scenegraph.query import chain
+from multicam.scenegraph.solution import Solution
+from multicam.types import Frame, FrameSet, ObjectEstimate, View
+
+NO_PICTURE = "it gave no picture at this time"
 
 
 @dataclass(frozen=True)
@@ -26,7 +32,6 @@ class PipelineConfig:
     """How views become poses over time."""
 
     registration: RegistrationConfig = field(default_factory=RegistrationConfig)
-    keyframe: KeyframeConfig = field(default_factory=KeyframeConfig)
     graph: GraphConfig = field(default_factory=GraphConfig)
 
 
@@ -46,31 +51,30 @@ def step(
     catalogue: Catalogue,
     config: PipelineConfig,
 ) -> tuple[SceneGraph, StepResult]:
-    """Registers the views of one time step and folds them into the graph.
+    """Enters the views of one time step into the graph and solves it.
 
     Args:
         estimates: for each frame of the set its object estimates, each with a covariance.
+
+    Raises:
+        DataError: an estimate of a class that the catalogue does not hold.
     """
     began = time.perf_counter()
     now = frame_set.timestamp_ns
     frames = {frame.camera_id: frame for frame in frame_set.frames}
-    views = {frame.camera_id: _view(frame, found) for frame, found in zip(frame_set.frames, estimates, strict=True)}
-    registration = _register(graph.headset, views, catalogue, config.registration)
-    registered = time.perf_counter()
-
+    views = [_view(frame, found) for frame, found in zip(frame_set.frames, estimates, strict=True)]
     tracked = _tracked_pose(frames.get(graph.headset))
-    if tracked is not None:
-        graph = update.track_headset(graph, tracked.timestamp_ns, tracked.world_from_headset)
-    graph, reasons = fold_cameras(graph, registration, tracked, now, config.keyframe)
-    cameras = cameras_now(graph, registration, tracked, now)
-    graph = fold_objects(graph, registration, views, cameras, catalogue, now)
-    seconds = {"registration": registered - began, "graph": time.perf_counter() - registered}
-
-    results = tuple(
-        _camera_result(graph.headset, name, frames.get(name), cameras.get(name), reasons.get(name, ""), now)
-        for name in (graph.headset, *graph.statics)
-    )
-    return graph, StepResult(now, results, _object_results(graph, now), seconds)
+    solution, reasons = advance(graph, views, tracked, catalogue, config.registration, now)
+    if solution is None:
+        cameras = tuple(_unplaced(name, frames.get(name), reasons) for name in (graph.headset, *graph.statics))
+        return graph, StepResult(now, cameras, (), None, {"graph": time.perf_counter() - began})
+    results = _camera_results(solution, frames, tracked, reasons, now)
+    objects = _object_results(solution, now)
+    drift = None
+    if tracked is not None and solution.graph.now is not None:
+        drift = solution.graph.now.world_from_camera @ se3.inverse(tracked.tracking_from_headset)
+    graph = keep(solution.graph, tracked is not None)
+    return graph, StepResult(now, results, objects, drift, {"graph": time.perf_counter() - began})
 
 
 def _view(frame: Frame, estimates: tuple[ObjectEstimate, ...]) -> View:
@@ -87,60 +91,80 @@ def _undistorted(estimate: ObjectEstimate, camera: Camera) -> ObjectEstimate:
     return replace(estimate, detection=replace(estimate.detection, keypoints=keypoints))
 
 
-def _register(
-    headset: str, views: Mapping[str, View], catalogue: Catalogue, config: RegistrationConfig
-) -> Registration:
-    # The headset leads, so that it is the gauge of its component and covariances are relative to it; the others
-    # come in alphabetical order, so that the order of the pictures changes nothing.
-    order = sorted(views, key=lambda name: (name != headset, name))
-    if len(order) < 2:
-        return Registration((), dict.fromkeys(order, "no other camera gave a picture at this time"))
-    return register_views([views[name] for name in order], catalogue, config)
-
-
 def _tracked_pose(frame: Frame | None) -> TrackedPose | None:
     if frame is None or frame.tracked_world_from_camera is None:
         return None
     return TrackedPose(frame.timestamp_ns, frame.tracked_world_from_camera)
 
 
-def _camera_result(
-    headset: str, name: str, frame: Frame | None, known: CameraNow | None, refused: str, now: int
-) -> CameraResult:
-    status, reason = _status(headset, name, frame, known, refused, now)
-    taken = None if frame is None else frame.timestamp_ns
-    if known is None:
-        return CameraResult(name, status, reason, taken, None, None, None, ())
-    pose = known.world_from_camera
-    return CameraResult(name, status, reason, taken, pose.pose, pose.covariance, known.updated_ns, known.chain)
+def _camera_results(
+    solution: Solution,
+    frames: Mapping[str, Frame],
+    tracked: TrackedPose | None,
+    reasons: Mapping[str, str],
+    now: int,
+) -> tuple[CameraResult, ...]:
+    graph = solution.graph
+    covariances, _ = solution.seen_from(_reference(graph))
+    results: list[CameraResult] = []
+    for name in (graph.headset, *graph.statics):
+        frame, stay, index = frames.get(name), graph.stay_of(name), graph.index_of(name)
+        if stay is None or index is None:
+            results.append(_unplaced(name, frame, reasons))
+            continue
+        status, reason = _status(name == graph.headset, frame, tracked, stay.seen_ns == now, reasons.get(name, ""))
+        taken = None if frame is None else frame.timestamp_ns
+        results.append(
+            CameraResult(
+                name, status, reason, taken, stay.world_from_camera, covariances[index], stay.seen_ns,
+                chain(graph, name),
+            )
+        )  # fmt: skip
+    return tuple(results)
+
+
+def _reference(graph: SceneGraph) -> int:
+    """The stay that covariances are relative to: the headset now, or at its last keyframe."""
+    return max(len(graph.path) - 1, 0)
+
+
+def _unplaced(name: str, frame: Frame | None, reasons: Mapping[str, str]) -> CameraResult:
+    if frame is None:
+        return CameraResult(name, "not placed", NO_PICTURE, None, None, None, None, ())
+    reason = reasons.get(name, "no camera has a pose yet: the headset's tracking gave none")
+    return CameraResult(name, "not placed", reason, frame.timestamp_ns, None, None, None, ())
 
 
 def _status(
-    headset: str, name: str, frame: Frame | None, known: CameraNow | None, refused: str, now: int
+    is_headset: bool, frame: Frame | None, tracked: TrackedPose | None, confirmed: bool, reason: str
 ) -> tuple[Status, str]:
-    """What is known of a camera now and, unless it was measured, why not."""
-    if frame is None:
-        refused = "it gave no picture at this time"
-    elif name == headset and frame.tracked_world_from_camera is None:
-        refused = "its tracking gave no pose"
-    if known is None:
-        return "not placed", refused or "it shares no object with a camera of known pose"
-    if name == headset:
-        return ("placed", refused) if refused else ("tracked", "")
-    if known.updated_ns == now:
+    """What is known of a camera with a pose and, unless it was measured, why not."""
+    if is_headset:
+        return ("tracked", "") if tracked is not None else ("placed", "its tracking gave no pose")
+    if confirmed:
         return "placed", ""
-    return "kept", refused or f"it is known through {' and '.join(known.chain[1:-1])}, measured earlier"
+    if frame is None:
+        return "kept", NO_PICTURE
+    return "kept", reason or "it sees none of the objects that are known"
 
 
-def _object_results(graph: SceneGraph, now: int) -> tuple[ObjectResult, ...]:
-    seen: dict[int, set[str]] = {}
-    for edge in graph.edges:
-        if edge.timestamp_ns == now and edge.inlier:
-            seen.setdefault(edge.instance, set()).add(edge.camera_id)
-    motion = graph.config.objects.motion_per_second
+def _object_results(solution: Solution, now: int) -> tuple[ObjectResult, ...]:
+    graph = solution.graph
+    _, covariances = solution.seen_from(_reference(graph))
+    present = [stay for stay in map(graph.stay_of, (graph.headset, *graph.statics)) if stay is not None]
     results: list[ObjectResult] = []
-    for node in graph.known_objects:
-        pose = node.filtered.at(now, motion)
-        cameras = tuple(sorted(seen.get(node.instance, ())))
-        results.append(ObjectResult(node.instance, node.obj_id, node.score, pose.pose, pose.covariance, cameras))
-    return tuple(results)
+    for covariance, number in zip(covariances, solution.numbers, strict=True):
+        rest = graph.rests[number]
+        if rest.over or rest.sightings < graph.config.objects.min_sightings:
+            continue
+        cameras = tuple(
+            sorted(stay.camera_id for stay in present if number in stay.edges and stay.edges[number].last_ns == now)
+        )
+        results.append(
+            ObjectResult(rest.instance, rest.obj_id, rest.score, rest.world_from_object, covariance, cameras)
+        )
+    for mover in graph.movers.values():
+        pose = predicted(mover, now, graph.config.objects.motion_per_second)
+        cameras = mover.seen_by if mover.seen_ns == now else ()
+        results.append(ObjectResult(mover.instance, mover.obj_id, mover.score, pose.pose, pose.covariance, cameras))
+    return tuple(sorted(results, key=lambda result: result.instance))

@@ -1,10 +1,12 @@
 """The toy world over time: a headset walks between two tables, each watched by a static camera of its own.
 
-The two static cameras never see a common object; only the headset's tracking links them.
+The two static cameras never see a common object; only the headset's tracking links them. Cameras may be bumped and
+objects moved or carried about.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -41,9 +43,46 @@ class ToyWalk:
 
     @property
     def world_from_static(self) -> dict[str, FloatArray]:
-        """True poses of the two static cameras."""
+        """True poses of the two static cameras at first."""
         poses = self.steps[0].world.world_from_camera
         return {name: poses[name] for name in (LEFT, RIGHT)}
+
+    def with_bump(self, camera_id: str, at: int, twist: Sequence[float]) -> ToyWalk:
+        """A static camera moves on the right by a twist (rad, m) and stays there from step `at` on."""
+
+        def bump(camera: ToyCamera) -> ToyCamera:
+            if camera.camera_id != camera_id:
+                return camera
+            return replace(camera, world_from_camera=se3.plus(camera.world_from_camera, np.array(twist)))
+
+        steps = [
+            replace(s, world=replace(s.world, cameras=tuple(map(bump, s.world.cameras)))) if n >= at else s
+            for n, s in enumerate(self.steps)
+        ]
+        return ToyWalk(tuple(steps))
+
+    def with_motion(self, indices: Sequence[int], first: int, last: int, twist: Sequence[float]) -> ToyWalk:
+        """Objects move on the right by a twist (rad, m) at each step from `first` to `last`, both included."""
+        steps = []
+        for n, step in enumerate(self.steps):
+            total = max(0, min(n, last) - first + 1)
+            objects = list(step.world.objects)
+            for index in indices:
+                pose = objects[index].world_from_object
+                for _ in range(total):
+                    pose = se3.plus(pose, np.array(twist))
+                objects[index] = replace(objects[index], world_from_object=pose)
+            steps.append(replace(step, world=replace(step.world, objects=tuple(objects))))
+        return ToyWalk(tuple(steps))
+
+    def with_jump(self, at: int, twist: Sequence[float]) -> ToyWalk:
+        """From step `at` on the tracking has lost its way by a twist (rad, m) on the left."""
+        jump = se3.exp(np.array(twist))
+        steps = [
+            replace(s, tracked_world_from_headset=jump @ s.tracked_world_from_headset) if n >= at else s
+            for n, s in enumerate(self.steps)
+        ]
+        return ToyWalk(tuple(steps))
 
 
 def make_walk(
@@ -52,10 +91,12 @@ def make_walk(
     rotation_drift: float = 0.0,
     translation_drift: float = 0.0,
     step_ns: int = 100_000_000,
+    path: Sequence[float] | None = None,
 ) -> ToyWalk:
-    """A walk from the left table to the right one; in between the headset sees nothing.
+    """A walk from the left table to the right one, by default straight; in between the headset sees nothing.
 
     Args:
+        path: where the headset is at each step, from 0 (left) to 1 (right); `num_steps` is then left out.
         rotation_drift, translation_drift: standard deviation per axis and step (rad, m) of the random walk by
             which the tracked pose leaves the true one. Tracking begins at the truth.
     """
@@ -70,7 +111,7 @@ def make_walk(
     catalogue = toy_catalogue()
     drift = np.repeat((rotation_drift, translation_drift), 3)
     steps: list[ToyStep] = []
-    for index, fraction in enumerate(np.linspace(0, 1, num_steps)):
+    for index, fraction in enumerate(np.linspace(0, 1, num_steps) if path is None else np.array(path)):
         x = half * (2 * fraction - 1)
         eye = np.array([x, -0.7, 0.7 + 0.05 * np.sin(4 * np.pi * fraction)])
         pose = looking_at(eye, np.array([x, 0, 0.0]))

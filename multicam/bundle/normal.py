@@ -8,6 +8,7 @@ import numpy as np
 
 from multicam.bundle.compiled import add_edges
 from multicam.bundle.factor import Linearization
+from multicam.bundle.odometry import PairLinearization
 from multicam.matching.arrays import BoolArray, IntArray
 from multicam.matching.linear import apply, congruent, inverse
 from multicam.types import FloatArray
@@ -15,17 +16,19 @@ from multicam.types import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class NormalEquations:
-    """Gauss-Newton system of cameras (c) and objects (o); no block ties two objects, or two cameras.
+    """Gauss-Newton system of cameras (c) and objects (o); no block ties two objects.
 
     Attributes:
         camera_hessian (c, 6, 6), object_hessian (o, 6, 6): diagonal blocks.
         coupling: (o, c, 6, 6), rows of the object and columns of the camera.
+        motion: (c, c, 6, 6) blocks between two cameras; zero on the diagonal.
         camera_gradient (c, 6), object_gradient (o, 6).
     """
 
     camera_hessian: FloatArray
     object_hessian: FloatArray
     coupling: FloatArray
+    motion: FloatArray
     camera_gradient: FloatArray
     object_gradient: FloatArray
 
@@ -34,7 +37,7 @@ class NormalEquations:
         """An empty system, to be added to."""
         return cls(
             np.zeros((cameras, 6, 6)), np.zeros((objects, 6, 6)), np.zeros((objects, cameras, 6, 6)),
-            np.zeros((cameras, 6)), np.zeros((objects, 6)),
+            np.zeros((cameras, cameras, 6, 6)), np.zeros((cameras, 6)), np.zeros((objects, 6)),
         )  # fmt: skip
 
     def add_edges(
@@ -51,17 +54,21 @@ class NormalEquations:
             self.camera_hessian, self.object_hessian, self.coupling, self.camera_gradient, self.object_gradient,
         )  # fmt: skip
 
-    def add_cameras(self, camera: IntArray, gradient: FloatArray, hessian: FloatArray) -> None:
-        """Adds gradients (p, 6) and Hessians (p, 6, 6) in the right tangents of cameras (p,)."""
-        np.add.at(self.camera_hessian, camera, hessian)
-        np.add.at(self.camera_gradient, camera, gradient)
+    def add_motions(self, first: IntArray, second: IntArray, local: PairLinearization) -> None:
+        """Adds what ties two cameras, (m,) first and (m,) second."""
+        np.add.at(self.camera_gradient, first, local.gradient[:, :6])
+        np.add.at(self.camera_gradient, second, local.gradient[:, 6:])
+        np.add.at(self.camera_hessian, first, local.hessian[:, :6, :6])
+        np.add.at(self.camera_hessian, second, local.hessian[:, 6:, 6:])
+        np.add.at(self.motion, (first, second), local.hessian[:, :6, 6:])
+        np.add.at(self.motion, (second, first), local.hessian[:, 6:, :6])
 
     def without(self, fixed: BoolArray) -> NormalEquations:
         """The system in which some cameras do not move."""
         free = ~fixed
         return NormalEquations(
             self.camera_hessian[free], self.object_hessian, self.coupling[:, free],
-            self.camera_gradient[free], self.object_gradient,
+            self.motion[np.ix_(free, free)], self.camera_gradient[free], self.object_gradient,
         )  # fmt: skip
 
     def solve(self, damping: float) -> FloatArray:
@@ -81,6 +88,10 @@ class NormalEquations:
         camera = joint.reshape(count, 6, count, 6)[np.arange(count), :, np.arange(count), :]
         gain = eliminated @ rows
         return camera, eliminated + gain @ joint @ np.swapaxes(gain, -1, -2)
+
+    def joint_covariance(self) -> FloatArray:
+        """(6 c, 6 c) covariance of all cameras together, the objects being free."""
+        return inverse(self._reduce(np.ones((6, 6)))[2])
 
     def edge_covariances(self, camera: IntArray, obj: IntArray, jacobian: FloatArray) -> FloatArray:
         """Covariances (e, 6, 6) of xi_object + jacobian xi_camera for edges (e,), with all correlations.
@@ -103,5 +114,6 @@ class NormalEquations:
         rows = np.swapaxes(self.coupling, 1, 2).reshape(objects, 6, 6 * count)
         schur = -np.einsum("oik,oil->kl", rows, eliminated @ rows)
         blocks = schur.reshape(count, 6, count, 6)
+        blocks += np.swapaxes(self.motion, 1, 2)
         blocks[np.arange(count), :, np.arange(count), :] += self.camera_hessian * scale
         return eliminated, rows, schur

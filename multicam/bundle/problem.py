@@ -14,7 +14,7 @@ import numpy as np
 
 from multicam.bundle.factor import EdgeFactor, Linearization
 from multicam.bundle.normal import NormalEquations
-from multicam.bundle.prior import CameraPrior
+from multicam.bundle.odometry import OdometryFactor
 from multicam.geometry import se3
 from multicam.matching.arrays import BoolArray
 from multicam.types import FloatArray
@@ -40,13 +40,13 @@ class Problem:
 
     Attributes:
         factors: edges between cameras and objects.
-        fixed: (c,) cameras that do not move. Each set of cameras and objects that hang together needs one, or a prior.
-        priors: what is known of cameras beforehand.
+        fixed: (c,) cameras that do not move. Each set of cameras and objects that hang together needs one.
+        motions: measured motions between cameras.
     """
 
     factors: Sequence[EdgeFactor]
     fixed: BoolArray
-    priors: Sequence[CameraPrior] = ()
+    motions: Sequence[OdometryFactor] = ()
 
     def linearize(self, state: State) -> tuple[float, NormalEquations]:
         """Robust energy and Gauss-Newton system at a state."""
@@ -56,10 +56,10 @@ class Problem:
             squared = 2 * local.energy
             energy += float(factor.kernel.energy(squared).sum())
             system.add_edges(factor.camera, factor.object, pose, local, factor.kernel.weight(squared))
-        for prior in self.priors:
-            local = prior.linearize(state.world_from_camera[prior.camera])
+        for motion in self.motions:
+            local = motion.linearize(state.world_from_camera)
             energy += float(local.energy.sum())
-            system.add_cameras(prior.camera, local.gradient, local.hessian)
+            system.add_motions(motion.first, motion.second, local)
         return energy, system.without(self.fixed)
 
     def retract(self, state: State, step: FloatArray) -> State:
@@ -73,11 +73,12 @@ class Problem:
         """How much larger the variances of the edges are than stated, by their residuals at a minimum; at least 1.
 
         The scale at which the Student likelihood of the residuals is greatest, with the redundancy (measured numbers
-        less estimated ones) as the count and PRIOR_REDUNDANCY numbers in favour of the stated noise.
+        less estimated ones, odometry apart) as the count and PRIOR_REDUNDANCY numbers in favour of the stated noise.
         """
         edges = [(factor.kernel, 2 * local.energy) for factor, _, local in self._edges(state)]
         measured = sum(kernel.dimension * len(squared) for kernel, squared in edges)
-        estimated = 6 * (np.count_nonzero(~self.fixed) + len(state.world_from_object))
+        moved = sum(len(motion.first) for motion in self.motions)
+        estimated = 6 * (np.count_nonzero(~self.fixed) + len(state.world_from_object) - moved)
         count, scale = PRIOR_REDUNDANCY + max(measured - estimated, 0), 1.0
         for _ in range(SCALE_ROUNDS):
             misfit = sum(float(np.sum(kernel.weight(squared / scale) * squared)) for kernel, squared in edges)
@@ -103,6 +104,23 @@ class Problem:
         cameras[~self.fixed] = free
         return cameras, objects
 
+    def expected_motion(self, state: State, noise_scale: float = 1.0) -> FloatArray:
+        """(m,) expected squared norm of each motion's whitened error, at a minimum; 6 if the stated noise is right.
+
+        The squared residual and what the uncertainty of both poses adds to it: the E step for the motions' variance.
+        """
+        free = np.flatnonzero(np.repeat(~self.fixed, 6))
+        joint = np.zeros((6 * len(self.fixed), 6 * len(self.fixed)))
+        joint[np.ix_(free, free)] = self._capped(state, noise_scale).joint_covariance()
+        expected = [np.zeros(0)]
+        for motion in self.motions:
+            local = motion.linearize(state.world_from_camera)
+            rows = 6 * np.stack((motion.first, motion.second), axis=1)[:, :, None] + np.arange(6)
+            rows = rows.reshape(-1, 12)
+            both = joint[rows[:, :, None], rows[:, None, :]]
+            expected.append(2 * local.energy + np.sum(local.hessian * both, axis=(1, 2)))
+        return np.concatenate(expected)
+
     def edge_covariances(self, state: State, factor: EdgeFactor) -> FloatArray:
         """(e, 6, 6) covariances, at a minimum, of the poses camera_from_object of a factor's edges (right tangent)."""
         object_from_world = se3.inverse(state.world_from_object)
@@ -120,9 +138,8 @@ class Problem:
             if inflation is not None:
                 weight = weight / inflation[factor.camera, factor.object]
             system.add_edges(factor.camera, factor.object, pose, local, weight)
-        for prior in self.priors:
-            local = prior.linearize(state.world_from_camera[prior.camera])
-            system.add_cameras(prior.camera, local.gradient, local.hessian)
+        for motion in self.motions:
+            system.add_motions(motion.first, motion.second, motion.linearize(state.world_from_camera))
         return system.without(self.fixed)
 
     def _edges(self, state: State) -> Iterator[tuple[EdgeFactor, FloatArray, Linearization]]:

@@ -1,13 +1,17 @@
 """What a run found, step by step, and its file results.json.
 
-    {"format": "multicam-run", "version": 1, "recording": folder, "network": file, "headset": camera_id,
+    {"format": "multicam-run", "version": 2, "recording": folder, "network": file, "headset": camera_id,
      "complete": false after Ctrl-C, "steps": [{"timestamp_ns",
        "cameras": [{"camera_id", "status", "reason", "timestamp_ns", "world_from_camera", "covariance", "updated_ns",
                     "chain"}],
        "objects": [{"instance", "obj_id", "score", "world_from_object", "covariance", "seen_by"}],
-       "seconds": {"network", "pnp", "registration", "graph"}}]}
+       "world_from_tracking": the headset's drift,
+       "seconds": {"network", "pnp", "graph"}}]}
 
-Poses are 4x4 in metres, covariances 6x6 of the right perturbation [rotation rad; translation m]; null where unknown.
+The world is the frame of the headset's tracking when it began; `world_from_tracking` is how far tracking has drifted
+from it since, so that inverse(world_from_tracking) world_from_camera is a camera in the frame that the headset reports
+now. Poses are 4x4 in metres, covariances 6x6 of the right perturbation [rotation rad; translation m], relative to the
+headset at the step (to its last keyframe where it has no pose); null where unknown.
 """
 
 from __future__ import annotations
@@ -25,7 +29,7 @@ from multicam.files import read_json, write_json
 from multicam.types import FloatArray
 
 FORMAT = "multicam-run"
-VERSION = 1
+VERSION = 2
 
 Status = Literal["tracked", "placed", "kept", "not placed"]
 """By its own tracking; measured at this step; from an earlier step; no pose."""
@@ -39,8 +43,8 @@ class CameraResult:
         reason: why it was not measured at this step, in words; empty for tracked and placed cameras.
         timestamp_ns: time of its picture in this step, or None if it gave none.
         world_from_camera, covariance: (4, 4) and (6, 6) at this step, or None.
-        updated_ns: when the pose was last measured (the oldest link of the chain), or None.
-        chain: nodes by which the pose was found, from the world to the camera.
+        updated_ns: when what the camera saw last confirmed its pose, or None.
+        chain: cameras by which it hangs together with the headset, each sharing objects with the next.
     """
 
     camera_id: str
@@ -67,11 +71,16 @@ class ObjectResult:
 
 @dataclass(frozen=True, eq=False)
 class StepResult:
-    """All cameras and objects at one step; `seconds` splits the time it took by stage."""
+    """All cameras and objects at one step; `seconds` splits the time it took by stage.
+
+    Attributes:
+        world_from_tracking: (4, 4) drift of the headset's tracking, or None where it gave no pose.
+    """
 
     timestamp_ns: int
     cameras: tuple[CameraResult, ...]
     objects: tuple[ObjectResult, ...]
+    world_from_tracking: FloatArray | None
     seconds: dict[str, float]
 
     def camera(self, camera_id: str) -> CameraResult:

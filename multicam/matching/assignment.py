@@ -67,7 +67,7 @@ def associate(
     covariances = [np.zeros((0, 6, 6))]
     for chosen, pose, covariance in zip(seen_by_camera, world_from_camera, camera_covariance, strict=True):
         seen = estimates[chosen]
-        identity, twin = _recognise(fused, seen, pose, covariance, symmetries, likelihood)
+        identity, twin = recognise(fused, seen, pose, covariance, symmetries, likelihood)
         object_from_camera = se3.inverse(twin)
         # The twin is the estimate moved by a symmetry on the right; its tangent turns with it.
         twin_covariance = congruent(se3.adjoint(object_from_camera @ seen.frame_from_object), seen.covariance)
@@ -87,7 +87,7 @@ def associate(
     )
 
 
-def _recognise(
+def recognise(
     fused: PosedObjects,
     seen: PosedObjects,
     world_from_camera: FloatArray,
@@ -95,7 +95,17 @@ def _recognise(
     symmetries: SymmetryTable,
     likelihood: LikelihoodConfig,
 ) -> tuple[IntArray, FloatArray]:
-    """For each seen object which fused object it is (new ones are numbered on), and its closest twin."""
+    """For each seen object which fused object it is (new ones are numbered on), and its closest twin.
+
+    Args:
+        fused: objects in the world.
+        seen: estimates (n,) of one camera.
+        world_from_camera, covariance: (4, 4), and (6, 6) of its right perturbation.
+
+    Returns:
+        (n,) position among the fused objects, from len(fused) on for strangers, and (n, 4, 4) camera_from_object, the
+        symmetric twin of each estimate that lies closest to the object.
+    """
     strangers = len(fused) + np.arange(len(seen)), seen.frame_from_object
     if not len(fused):
         return strangers

@@ -1,8 +1,9 @@
-"""The scene graph: cameras and objects as nodes, what links them as timed edges. All values are frozen.
+"""The scene graph: cameras at places, objects at rest, and the looks that tie them. All values are frozen.
 
-The world is the frame of the headset's own tracking. A static camera's pose is not stored as such: the graph holds
-rigid links (world to static camera, static camera to static camera), each an information filter over keyframes, and
-`query` chains them. A link to the world ages, for tracking drifts; a link between two static cameras does not.
+The world is the frame of the headset's tracking when it began; tracking drifts away from it since. A camera at one
+place is a *stay*: that of a static camera lasts until somebody bumps it, that of the headset is a keyframe. An object
+at one place is a *rest* until somebody moves it. Stays and rests that are over remain as long as they hold others
+together: what was seen while they lasted stays true.
 """
 
 from __future__ import annotations
@@ -10,134 +11,129 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-
 from multicam.errors import DataError
-from multicam.geometry import se3
-from multicam.scenegraph.filter import FilterConfig, FilteredPose
-from multicam.scenegraph.uncertain import UncertainPose, isotropic
+from multicam.scenegraph.config import GraphConfig
+from multicam.scenegraph.edge import Edge
+from multicam.scenegraph.uncertain import UncertainPose
 from multicam.types import FloatArray
 
 WORLD = "world"
-"""Name of the world's node; no camera may bear it."""
-
-Key = tuple[str, str]
-"""(target, source) of a link: the world first, else in alphabetical order."""
-
-
-@dataclass(frozen=True)
-class TrackingConfig:
-    """How well the headset tracks itself; each number is a standard deviation per axis."""
-
-    jitter_rotation_deg: float = 0.05
-    """Error of one tracked pose against its neighbours in time."""
-    jitter_translation: float = 0.001
-    """Metres."""
-    drift_rotation_deg: float = 0.08
-    """Drift after one second; it grows with the square root of time."""
-    drift_translation: float = 0.002
-    """Metres after one second."""
-
-    @property
-    def jitter(self) -> FloatArray:
-        """(6, 6) covariance of one tracked pose in the headset's frame."""
-        return isotropic(np.radians(self.jitter_rotation_deg), self.jitter_translation)
-
-    @property
-    def drift_per_second(self) -> FloatArray:
-        """(6, 6) covariance gathered per second, in the headset's frame."""
-        return isotropic(np.radians(self.drift_rotation_deg), self.drift_translation)
-
-
-@dataclass(frozen=True)
-class ObjectConfig:
-    """How objects are remembered."""
-
-    motion_rotation_deg: float = 3.0
-    """Objects may be moved by hand: standard deviation after one second unseen."""
-    motion_translation: float = 0.01
-    """Metres after one second unseen."""
-    forget_after: float = 10.0
-    """Seconds after which an object that nobody sees is dropped."""
-    min_sightings: int = 2
-    """Looks that must agree (of several cameras, or at several times) before an object counts as known."""
-
-    @property
-    def motion_per_second(self) -> FloatArray:
-        """(6, 6) covariance gathered per second, in the object's frame."""
-        return isotropic(np.radians(self.motion_rotation_deg), self.motion_translation)
-
-
-@dataclass(frozen=True)
-class GraphConfig:
-    """The scene graph's model of the world."""
-
-    tracking: TrackingConfig = field(default_factory=TrackingConfig)
-    filter: FilterConfig = field(default_factory=FilterConfig)
-    objects: ObjectConfig = field(default_factory=ObjectConfig)
-    remember: int = 512
-    """Tracked headset poses and visibility edges are kept for this many time steps."""
+"""Name of the world; no camera may bear it."""
 
 
 @dataclass(frozen=True, eq=False)
-class TrackedPose:
-    """Where the headset's tracking said it was."""
+class Stay:
+    """A camera at one place.
 
-    timestamp_ns: int
-    world_from_headset: FloatArray
+    Attributes:
+        since_ns: when it came there.
+        seen_ns: when objects last confirmed the place.
+        edges: what it saw there, by number of the rest.
+        odometry: motion from the previous keyframe by tracking, previous_from_this; None for a static camera, for the
+            first keyframe and where tracking broke.
+    """
+
+    camera_id: str
+    since_ns: int
+    seen_ns: int
+    world_from_camera: FloatArray
+    edges: Mapping[int, Edge] = field(default_factory=dict[int, Edge])
+    odometry: UncertainPose | None = None
 
 
 @dataclass(frozen=True, eq=False)
-class ObjectNode:
-    """One physical object.
+class Rest:
+    """An object at one place.
 
     Attributes:
         instance: number of the object, unique in the graph; several may be of one class.
-        filtered: world_from_object over time.
-        score: best detection score behind the last update.
-        seen_ns: when it was last seen by any camera with a pose.
-        sightings: looks that agreed with its pose, each camera at each time counting once.
+        centre: (3,) of the object, object frame.
+        score: best detection score behind the last look.
+        seen_ns: when any camera last confirmed the place.
+        sightings: looks that agreed with it, each camera at each time counting once.
+        contradictions: looks since then that saw the object elsewhere.
+        over: the object is no longer there.
     """
 
     instance: int
     obj_id: int
-    filtered: FilteredPose
+    centre: FloatArray
+    world_from_object: FloatArray
     score: float
     seen_ns: int
     sightings: int = 0
+    contradictions: int = 0
+    over: bool = False
 
 
-@dataclass(frozen=True)
-class Edge:
-    """r_pq: object p was seen by camera q at a time, and agreed with its stored pose (inlier) or did not."""
+@dataclass(frozen=True, eq=False)
+class Mover:
+    """An object in motion, or still for too short a time to help.
+
+    Attributes:
+        pose: world_from_object at `seen_ns`.
+        place: where it was when it last moved.
+        moved_ns: when.
+        seen_by: cameras that saw it at `seen_ns`.
+    """
 
     instance: int
-    camera_id: str
+    obj_id: int
+    centre: FloatArray
+    pose: UncertainPose
+    place: UncertainPose
+    score: float
+    seen_ns: int
+    moved_ns: int
+    sightings: int
+    seen_by: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Tracking:
+    """The last tracked pose of the headset and what led to it.
+
+    Attributes:
+        tracking_from_headset: in the frame of the tracking, which drifts away from the world.
+        since_keyframe: keyframe_from_headset by tracking since the last keyframe.
+    """
+
     timestamp_ns: int
-    inlier: bool
+    tracking_from_headset: FloatArray
+    since_keyframe: UncertainPose
 
 
 @dataclass(frozen=True, eq=False)
 class SceneGraph:
-    """State of the runtime; updates return a new one.
+    """State of the runtime; a step returns a new one.
 
     Attributes:
         headset: the moving camera whose tracking defines the world.
         statics: cameras that stand still, in alphabetical order.
-        trajectory: the latest tracked poses, oldest first.
-        links: rigid links by (target, source).
-        objects: by instance number.
-        edges: the latest visibility edges, oldest first.
-        next_instance: the number the next new object gets.
+        keyframes: of the headset, oldest first.
+        now: the headset at this step, if its pose is known; `keyframe.keep` decides what becomes of it.
+        places: where each static camera of known pose stands now.
+        former: stays of static cameras that are over.
+        rests: objects at rest, by number.
+        movers: objects in motion, by instance.
+        suspects: cameras that may have been moved, and how many pictures in a row say so.
+        drift_scale: how much larger the variance of the headset's drift is than the configuration says.
+        next_number, next_instance: of the next rest and the next object.
     """
 
     headset: str
     statics: tuple[str, ...]
     config: GraphConfig = field(default_factory=GraphConfig)
-    trajectory: tuple[TrackedPose, ...] = ()
-    links: Mapping[Key, FilteredPose] = field(default_factory=dict[Key, FilteredPose])
-    objects: Mapping[int, ObjectNode] = field(default_factory=dict[int, ObjectNode])
-    edges: tuple[Edge, ...] = ()
+    keyframes: tuple[Stay, ...] = ()
+    now: Stay | None = None
+    places: Mapping[str, Stay] = field(default_factory=dict[str, Stay])
+    former: tuple[Stay, ...] = ()
+    rests: Mapping[int, Rest] = field(default_factory=dict[int, Rest])
+    movers: Mapping[int, Mover] = field(default_factory=dict[int, Mover])
+    suspects: Mapping[str, int] = field(default_factory=dict[str, int])
+    tracking: Tracking | None = None
+    drift_scale: float = 1.0
+    next_number: int = 0
     next_instance: int = 0
 
     def __post_init__(self) -> None:
@@ -147,48 +143,52 @@ class SceneGraph:
         object.__setattr__(self, "statics", tuple(sorted(self.statics)))
 
     @property
-    def known_objects(self) -> tuple[ObjectNode, ...]:
-        """Objects seen often enough to be believed, by instance number."""
-        needed = self.config.objects.min_sightings
-        return tuple(node for _, node in sorted(self.objects.items()) if node.sightings >= needed)
+    def path(self) -> tuple[Stay, ...]:
+        """The headset's keyframes, and where it is now if that is known."""
+        return self.keyframes if self.now is None else (*self.keyframes, self.now)
 
-    def with_link(self, key: Key, filtered: FilteredPose) -> SceneGraph:
-        """A graph in which this link is replaced."""
-        return replace(self, links={**self.links, key: filtered})
+    @property
+    def stays(self) -> tuple[Stay, ...]:
+        """All stays: the headset's path, those of static cameras that are over, their present ones by name.
 
-    def tracked(self, timestamp_ns: int) -> FloatArray | None:
-        """(4, 4) world_from_headset at a time, interpolated between tracked poses; None outside what is remembered."""
-        after = next((i for i, p in enumerate(self.trajectory) if p.timestamp_ns >= timestamp_ns), None)
-        if after is None:
-            return None
-        later = self.trajectory[after]
-        if later.timestamp_ns == timestamp_ns:
-            return later.world_from_headset
-        if after == 0:
-            return None
-        earlier = self.trajectory[after - 1]
-        fraction = (timestamp_ns - earlier.timestamp_ns) / (later.timestamp_ns - earlier.timestamp_ns)
-        return se3.interpolate(earlier.world_from_headset, later.world_from_headset, fraction)
-
-    def drift_of(self, key: Key, world_from_camera: FloatArray) -> FloatArray:
-        """(6, 6) covariance that a link gathers per second, in the frame of its source camera.
-
-        Tracking drifts at the headset, so a camera far from it moves by a lever arm; static pairs do not drift.
+        The first does not move when poses are refined: it holds the world.
         """
-        if key[0] != WORLD:
-            return np.zeros((6, 6))
-        drift = self.config.tracking.drift_per_second
-        if not self.trajectory:
-            return drift
-        headset = UncertainPose(np.eye(4), drift)
-        camera = UncertainPose(
-            se3.inverse(self.trajectory[-1].world_from_headset) @ world_from_camera, np.zeros((6, 6))
+        return (*self.path, *self.former, *(self.places[name] for name in sorted(self.places)))
+
+    def with_stays(self, stays: tuple[Stay, ...]) -> SceneGraph:
+        """The graph with all stays replaced, in the order of `stays`."""
+        keyframes, path = len(self.keyframes), len(self.path)
+        former = path + len(self.former)
+        return replace(
+            self,
+            keyframes=stays[:keyframes],
+            now=None if self.now is None else stays[keyframes],
+            former=stays[path:former],
+            places={stay.camera_id: stay for stay in stays[former:]},
         )
-        return (headset @ camera).covariance
 
+    def index_of(self, camera_id: str) -> int | None:
+        """Position among `stays` of where a camera is now, or None if that is not known."""
+        if camera_id == self.headset:
+            return None if self.now is None else len(self.keyframes)
+        if camera_id not in self.places:
+            return None
+        return len(self.path) + len(self.former) + sorted(self.places).index(camera_id)
 
-def key_of(a: str, b: str) -> Key:
-    """The key of the link between two nodes: the world first, else in alphabetical order."""
-    if WORLD in (a, b):
-        return WORLD, a if b == WORLD else b
-    return (a, b) if a < b else (b, a)
+    def stay_of(self, camera_id: str) -> Stay | None:
+        """Where a camera is now, or None if that is not known."""
+        return self.now if camera_id == self.headset else self.places.get(camera_id)
+
+    def with_stay(self, stay: Stay) -> SceneGraph:
+        """The graph with the present stay of its camera set."""
+        if stay.camera_id == self.headset:
+            return replace(self, now=stay)
+        return replace(self, places={**self.places, stay.camera_id: stay})
+
+    def with_rest(self, number: int, rest: Rest) -> SceneGraph:
+        """The graph with a rest added or replaced."""
+        return replace(self, rests={**self.rests, number: rest})
+
+    def without_suspect(self, camera_id: str) -> SceneGraph:
+        """The graph in which a camera is above suspicion."""
+        return replace(self, suspects={name: s for name, s in self.suspects.items() if name != camera_id})

@@ -1,74 +1,112 @@
-"""Whether the pose of a camera, as measured at one time step, may change the stored one; if not, why."""
+"""The headset over time: where it is now by its tracking, and which of its views are kept."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
 from multicam.geometry import se3
-from multicam.scenegraph.graph import SceneGraph
-from multicam.scenegraph.uncertain import UncertainPose
-from multicam.types import Component
+from multicam.scenegraph.config import GraphConfig, KeyframeConfig
+from multicam.scenegraph.graph import SceneGraph, Stay, Tracking
+from multicam.scenegraph.prune import is_whole
+from multicam.scenegraph.uncertain import UncertainPose, spread
+from multicam.types import FloatArray
+
+_CERTAIN = UncertainPose(np.eye(4), np.zeros((6, 6)))
 
 
-@dataclass(frozen=True)
-class KeyframeConfig:
-    """Conditions on a measurement; the filter adds its own: it must agree, and sharpen what is stored."""
+def track(graph: SceneGraph, timestamp_ns: int, tracking_from_headset: FloatArray) -> tuple[SceneGraph, str]:
+    """Moves the headset to where its tracking says, from its last keyframe on; after a keyframe without tracking its
+    pose is open.
 
-    min_objects: int = 2
-    """Objects on which the camera agrees with another one."""
-    max_speed: float = 0.3
-    """Of the headset, metres per second."""
-    max_turn_deg: float = 30.0
-    """Of the headset, degrees per second."""
-    max_rotation_std_deg: float = 3.0
-    """About the least certain axis."""
-    max_translation_std: float = 0.05
-    """Metres, along the least certain direction."""
-
-
-def relative_in(component: Component, target: str, source: str) -> UncertainPose:
-    """target_from_source of two views of a registered component.
-
-    Exact where one of them is the component's first camera. The covariances of two others are relative to it and
-    count as independent, which overstates the uncertainty of cameras that share more with each other than with it.
+    Returns:
+        The graph, and why the headset measures nothing at this step: it moves too fast, or the pose is not newer than
+        the last (an old packet) and was not used. Empty if it does measure.
     """
-    poses = {c.view_id: UncertainPose(c.world_from_camera, c.covariance) for c in component.cameras}
-    return poses[target].inverse() @ poses[source]
+    last = graph.tracking
+    if last is not None and timestamp_ns <= last.timestamp_ns:
+        return graph, "the headset's tracking gave an old pose"
+    since, hurry = _CERTAIN, ""
+    if last is not None:
+        seconds = (timestamp_ns - last.timestamp_ns) * 1e-9
+        motion = se3.inverse(last.tracking_from_headset) @ tracking_from_headset
+        hurry = haste(motion, seconds, graph.config.keyframes)
+        drift = UncertainPose(motion, seconds * graph.config.tracking.drift_per_second)
+        since = last.since_keyframe @ drift
+    tracking = Tracking(timestamp_ns, tracking_from_headset, since)
+    if graph.keyframes and last is None:
+        return replace(graph, tracking=tracking), hurry
+    if graph.keyframes:
+        pose = graph.keyframes[-1].world_from_camera @ since.pose
+        now = Stay(graph.headset, timestamp_ns, timestamp_ns, pose, odometry=since)
+    else:
+        now = Stay(graph.headset, timestamp_ns, timestamp_ns, tracking_from_headset)
+    return replace(graph, tracking=tracking, now=now), hurry
 
 
-def agreeing_objects(component: Component, view_id: str) -> int:
-    """Number of objects on which a view agrees with at least one other."""
-    supporters = [{view for view, _ in placed.supports} for placed in component.objects]
-    return sum(view_id in views and len(views) > 1 for views in supporters)
-
-
-def weakness(component: Component, source: str, measured: UncertainPose, config: KeyframeConfig) -> str:
-    """Why a measured pose of the camera `source` is too weak to be stored; empty if it is not."""
-    count = agreeing_objects(component, source)
-    if count < config.min_objects:
-        return f"only {count} of the {config.min_objects} objects needed agree with another camera"
-    rotation_deg, translation = np.degrees(measured.rotation_std), measured.translation_std
-    if rotation_deg > config.max_rotation_std_deg or translation > config.max_translation_std:
-        return f"the measured pose is uncertain by {translation * 1000:.0f} mm and {rotation_deg:.1f} deg"
+def haste(motion: FloatArray, seconds: float, config: KeyframeConfig) -> str:
+    """Why a headset that moves so within some seconds measures nothing; empty if it does."""
+    speed = float(np.linalg.norm(motion[:3, 3])) / seconds
+    turn_deg = float(np.degrees(np.linalg.norm(se3.log(motion)[:3]))) / seconds
+    if speed > config.max_speed or turn_deg > config.max_turn_deg:
+        return f"the headset moves too fast ({speed:.2f} m/s, {turn_deg:.0f} deg/s)"
     return ""
 
 
-def haste(graph: SceneGraph, config: KeyframeConfig) -> str:
-    """Why the headset moves too fast to place others (blur, time offsets); empty if it does not."""
-    turn, speed = headset_speed(graph)
-    if speed > config.max_speed or np.degrees(turn) > config.max_turn_deg:
-        return f"the headset moves too fast ({speed:.2f} m/s, {np.degrees(turn):.0f} deg/s)"
-    return ""
+def keep(graph: SceneGraph, tracked: bool) -> SceneGraph:
+    """Ends a step: what the headset sees becomes a keyframe, or joins the last one if it is much the same view.
+
+    Args:
+        tracked: whether the headset's tracking gave its pose at this step.
+    """
+    now = graph.now
+    graph = replace(graph, now=None)
+    if now is None or not now.edges:
+        return graph
+    if not tracked:
+        # What it saw counts only if others hang on it: nobody knows how the headset came there, or where it goes.
+        return graph if is_whole(graph) else replace(graph, keyframes=(*graph.keyframes, now), tracking=None)
+    assert graph.tracking is not None
+    if graph.keyframes and now.odometry is not None and _gap(graph.keyframes[-1], now) < graph.config.keyframes.spacing:
+        joined = join(graph.keyframes[-1], now, now.odometry, graph.config)
+        return replace(graph, keyframes=(*graph.keyframes[:-1], joined))
+    tracking = replace(graph.tracking, since_keyframe=_CERTAIN)
+    return cull(replace(graph, keyframes=(*graph.keyframes, now), tracking=tracking))
 
 
-def headset_speed(graph: SceneGraph) -> tuple[float, float]:
-    """(rad/s, m/s) between the last two tracked poses; zero before there are two."""
-    if len(graph.trajectory) < 2:
-        return 0.0, 0.0
-    earlier, later = graph.trajectory[-2:]
-    seconds = (later.timestamp_ns - earlier.timestamp_ns) * 1e-9
-    twist = se3.minus(later.world_from_headset, earlier.world_from_headset)
-    distance = np.linalg.norm(later.world_from_headset[:3, 3] - earlier.world_from_headset[:3, 3])
-    return float(np.linalg.norm(twist[:3])) / seconds, float(distance) / seconds
+def _gap(earlier: Stay, later: Stay) -> float:
+    """How far two keyframes in a row are apart, metres, and how much tracking may have drifted between them.
+
+    Turns, and their uncertainty, count by how far they move what is seen a metre away.
+    """
+    assert later.odometry is not None
+    motion = se3.minus(later.world_from_camera, earlier.world_from_camera)
+    return float(np.linalg.norm(motion[:3]) + np.linalg.norm(motion[3:])) + spread(later.odometry)
+
+
+def join(into: Stay, later: Stay, motion: UncertainPose, config: GraphConfig) -> Stay:
+    """A stay with the looks of a later one from nearby, given into_from_later."""
+    edges = dict(into.edges)
+    for number, edge in later.edges.items():
+        moved = edge.seen_from(motion)
+        edges[number] = edges[number].joined(moved, config) if number in edges else moved
+    return replace(into, edges=edges, seen_ns=later.seen_ns)
+
+
+def cull(graph: SceneGraph) -> SceneGraph:
+    """Joins keyframes, those with the smallest gap first, until no more are left than are kept."""
+    while len(graph.keyframes) > graph.config.keyframes.most:
+        gaps = [
+            np.inf if later.odometry is None else _gap(earlier, later) for earlier, later in pairwise(graph.keyframes)
+        ]
+        # The last one stays, for tracking goes on from it, and so does the first, which holds the world.
+        index = int(np.argmin(gaps[:-1]))
+        into, gone, after = graph.keyframes[index : index + 3]
+        if gone.odometry is None:
+            break
+        bridge = None if after.odometry is None else gone.odometry @ after.odometry
+        kept = join(into, gone, gone.odometry, graph.config), replace(after, odometry=bridge)
+        graph = replace(graph, keyframes=(*graph.keyframes[:index], *kept, *graph.keyframes[index + 3 :]))
+    return graph

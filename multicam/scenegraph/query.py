@@ -1,96 +1,56 @@
-"""Relative poses of any two cameras at any time, by chaining links through space and time."""
+"""Where cameras are relative to each other, how well that is known, and by which others they hang together."""
 
 from __future__ import annotations
 
-import heapq
-from collections.abc import Iterator
-from dataclasses import dataclass
-
-import numpy as np
-
-from multicam.scenegraph.graph import WORLD, Key, SceneGraph, key_of
+from multicam.geometry import se3
+from multicam.scenegraph.graph import SceneGraph
+from multicam.scenegraph.solution import Solution, solve
 from multicam.scenegraph.uncertain import UncertainPose
 
-EXTENT = 1.0
-"""Metres in front of a camera at which the uncertainties of rotation and translation are compared."""
 
+def relative(graph: SceneGraph, target: str, source: str) -> UncertainPose | None:
+    """target_from_source of two static cameras (or the headset during a step), with all that ties them; None if one
+    has no pose.
 
-@dataclass(frozen=True, eq=False)
-class Chain:
-    """A pose found by following links.
-
-    Attributes:
-        estimate: target_from_source with the covariance of the whole chain; links count as independent.
-        nodes: from the target to the source, both included.
-        updated_ns: time of the oldest link on the way, or None if there is none but tracking.
+    Two cameras that never see a common object are tied through the headset that met both, at different times.
     """
+    a, b = graph.index_of(target), graph.index_of(source)
+    if a is None or b is None:
+        return None
+    return relative_in(solve(graph), a, b)
 
-    estimate: UncertainPose
-    nodes: tuple[str, ...]
-    updated_ns: int | None
+
+def relative_in(solution: Solution, target: int, source: int) -> UncertainPose:
+    """As `relative`, of two of the graph's stays."""
+    cameras, _ = solution.seen_from(target)
+    pose = solution.state.world_from_camera
+    return UncertainPose(se3.inverse(pose[target]) @ pose[source], cameras[source])
 
 
-def relative(graph: SceneGraph, target: str, source: str, timestamp_ns: int) -> Chain | None:
-    """target_from_source at a time, along the most certain chain of links; None if nothing connects the two.
+def chain(graph: SceneGraph, camera_id: str) -> tuple[str, ...]:
+    """The shortest chain of cameras, each sharing objects with the next, from the headset to a camera.
 
-    Nodes are the world, the headset (where its tracking knows that time) and the static cameras. Two cameras that
-    never see a common object are linked through the world, that is, through the headset that met both. Each step of
-    the search extends the chain by `Ad(c_from_b) Cov_ab Ad(c_from_b)^T + Cov_bc`; links to the world have aged.
+    The headset alone where its own tracking gives its pose; empty for a camera without a pose.
     """
-    queue: list[tuple[float, int, Chain]] = [(0.0, 0, Chain(_certain(), (target,), None))]
-    done: set[str] = set()
-    pushed = 0
-    while queue:
-        _, _, chain = heapq.heappop(queue)
-        node = chain.nodes[-1]
-        if node == source:
-            return chain
-        if node in done:
-            continue
-        done.add(node)
-        for other, step, updated_ns in _neighbours(graph, node, timestamp_ns):
-            if other not in done:
-                pushed += 1
-                times = [t for t in (chain.updated_ns, updated_ns) if t is not None]
-                longer = Chain(chain.estimate @ step, (*chain.nodes, other), min(times, default=None))
-                heapq.heappush(queue, (spread(longer.estimate), pushed, longer))
-    return None
-
-
-def in_world(graph: SceneGraph, camera_id: str, timestamp_ns: int) -> Chain | None:
-    """world_from_camera at a time."""
-    return relative(graph, WORLD, camera_id, timestamp_ns)
-
-
-def link_at(graph: SceneGraph, key: Key, timestamp_ns: int) -> UncertainPose:
-    """A stored link as known at a time, aged since its last update.
-
-    Raises:
-        KeyError: there is no such link.
-    """
-    filtered = graph.links[key]
-    return filtered.at(timestamp_ns, graph.drift_of(key, filtered.stored.pose))
-
-
-def spread(estimate: UncertainPose) -> float:
-    """Standard deviation (m) of a point at EXTENT metres, for comparing chains."""
-    variances = np.diag(estimate.covariance)
-    return float(np.sqrt(variances[3:].sum() + EXTENT**2 * variances[:3].sum()))
-
-
-def _neighbours(graph: SceneGraph, node: str, timestamp_ns: int) -> Iterator[tuple[str, UncertainPose, int | None]]:
-    """(other node, node_from_other, time of the link) of each link at a node."""
-    if node in (WORLD, graph.headset):
-        tracked = graph.tracked(timestamp_ns)
-        if tracked is not None:
-            step = UncertainPose(tracked, graph.config.tracking.jitter)
-            yield (graph.headset, step, None) if node == WORLD else (WORLD, step.inverse(), None)
-    for other in (WORLD, *graph.statics):
-        key = key_of(node, other)
-        if other != node and key in graph.links:
-            step = link_at(graph, key, timestamp_ns)
-            yield other, step if key[0] == node else step.inverse(), graph.links[key].updated_ns
-
-
-def _certain() -> UncertainPose:
-    return UncertainPose(np.eye(4), np.zeros((6, 6)))
+    goal, stays = graph.index_of(camera_id), graph.stays
+    if goal is None:
+        return ()
+    if camera_id == graph.headset and (goal == 0 or stays[goal].odometry is not None):
+        return (camera_id,)
+    before: dict[int, int] = {}
+    wave = [n for n in range(len(graph.path)) if n != goal]
+    reached = set(wave)
+    while wave and goal not in reached:
+        following: list[int] = []
+        for n in wave:
+            neighbours = [m for m in range(len(stays)) if m not in reached and stays[n].edges.keys() & stays[m].edges]
+            before |= dict.fromkeys(neighbours, n)
+            reached |= set(neighbours)
+            following += neighbours
+        wave = following
+    names, node = [camera_id], goal
+    while node in before:
+        node = before[node]
+        if stays[node].camera_id != names[-1]:
+            names.append(stays[node].camera_id)
+    return tuple(reversed(names))

@@ -94,7 +94,7 @@ def fuse(a: UncertainPose, b: UncertainPose) -> UncertainPose:
     return UncertainPose(pose, np.linalg.inv(hessian))
 
 
-def shrinkage(before: UncertainPose, after: UncertainPose) -> float:
-    """Share in [0, 1) by which standard deviations fell, as the geometric mean over the axes."""
-    log_ratio = np.linalg.slogdet(after.covariance)[1] - np.linalg.slogdet(before.covariance)[1]
-    return float(1 - np.exp(log_ratio / 12))
+def spread(estimate: UncertainPose) -> float:
+    """Standard deviation, metres, of a point a metre away, of rotation and translation together."""
+    variances = np.diag(estimate.covariance)
+    return float(np.sqrt(variances.sum()))

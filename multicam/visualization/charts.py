@@ -10,7 +10,7 @@ import numpy as np
 from multicam.dataset.runs import RunResult
 from multicam.evaluation.run_error import RunErrors
 
-STAGE_COLORS = {"network": "#3b6fd4", "pnp": "#7aa5ee", "registration": "#2f9e57", "graph": "#d79a1e"}
+STAGE_COLORS = {"network": "#3b6fd4", "pnp": "#7aa5ee", "graph": "#2f9e57"}
 LINE_COLORS = ("#3b6fd4", "#c2410c", "#2f9e57", "#7c3aed", "#0f766e", "#be185d")
 
 

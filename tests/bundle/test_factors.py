@@ -8,8 +8,8 @@ from hypothesis import given, settings
 
 from multicam.bundle.factor import Linearization
 from multicam.bundle.keypoint import KeypointFactor
+from multicam.bundle.odometry import OdometryFactor
 from multicam.bundle.pose import PoseFactor
-from multicam.bundle.prior import CameraPrior
 from multicam.bundle.robust import Student
 from multicam.geometry import se3
 from tests.strategies import seeds, twists
@@ -57,11 +57,28 @@ def test_the_gradient_of_a_pose_factor_is_exact(rng: np.random.Generator, differ
 
 
 @given(seeds(), twists(most=3.0, reach=1.0))
-def test_the_gradient_of_a_camera_prior_is_exact(rng: np.random.Generator, difference: np.ndarray) -> None:
-    expected = se3.random(rng, 1)
-    prior = CameraPrior(ONE, expected, information(rng))
-    pose = se3.plus(expected, difference)
-    assert_close(prior.linearize(pose).gradient[0], numeric_gradient(prior.linearize, pose))
+def test_the_gradient_of_an_odometry_factor_is_exact_in_both_poses(
+    rng: np.random.Generator, difference: np.ndarray
+) -> None:
+    factor, poses = odometry_factor(rng)
+    poses[1] = se3.plus(poses[1], difference)
+    steps = STEP * np.eye(12).reshape(12, 2, 6)
+    numeric = [
+        (factor.linearize(se3.plus(poses, s)).energy - factor.linearize(se3.plus(poses, -s)).energy)[0] / (2 * STEP)
+        for s in steps
+    ]
+    assert_close(factor.linearize(poses).gradient[0], np.array(numeric))
+
+
+@given(seeds())
+def test_the_hessian_of_an_odometry_factor_is_exact_where_the_residual_vanishes(rng: np.random.Generator) -> None:
+    factor, poses = odometry_factor(rng)
+    steps = STEP * np.eye(12).reshape(12, 2, 6)
+    numeric = [
+        (factor.linearize(se3.plus(poses, s)).gradient - factor.linearize(se3.plus(poses, -s)).gradient)[0] / (2 * STEP)
+        for s in steps
+    ]
+    assert_close(factor.linearize(poses).hessian[0], np.array(numeric))
 
 
 @given(seeds())
@@ -75,9 +92,8 @@ def test_the_gradient_of_a_keypoint_factor_is_exact(rng: np.random.Generator) ->
 def test_hessians_are_exact_where_the_residual_vanishes(rng: np.random.Generator) -> None:
     observed = se3.random(rng, 1)
     pose_factor = PoseFactor(ONE, ONE, observed, information(rng), KERNEL)
-    prior = CameraPrior(ONE, observed, information(rng))
     keypoints, pose = keypoint_factor(rng, error=0.0)
-    for linearize, at in ((pose_factor.linearize, observed), (prior.linearize, observed), (keypoints.linearize, pose)):
+    for linearize, at in ((pose_factor.linearize, observed), (keypoints.linearize, pose)):
         local: Linearization = linearize(at)
         assert local.energy[0] == pytest.approx(0, abs=1e-12)
         assert_close(local.hessian[0], numeric_hessian(linearize, at))
@@ -133,3 +149,10 @@ def test_information_over_a_student_distribution_is_that_of_fisher(
     assert student.information(squared).mean() == pytest.approx((tail + dimension) / (tail + dimension + 2), rel=0.01)
     # Smaller residuals are no proof of precision.
     assert student.information(np.array([0.0])) == student.information(np.array([dimension - 1e-9]))
+
+
+def odometry_factor(rng: np.random.Generator) -> tuple[OdometryFactor, np.ndarray]:
+    """A factor between two poses (2, 4, 4) that agree with it."""
+    poses = se3.random(rng, 2)
+    measured = se3.inverse(poses[:1]) @ poses[1:]
+    return OdometryFactor(ONE, ONE + 1, measured, information(rng)), poses

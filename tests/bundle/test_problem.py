@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from multicam.bundle.levenberg import LevenbergConfig, minimize
 from multicam.bundle.normal import NormalEquations
+from multicam.bundle.odometry import OdometryFactor
 from multicam.bundle.pose import PoseFactor
-from multicam.bundle.prior import CameraPrior
 from multicam.bundle.problem import Problem, State
 from multicam.bundle.robust import Student
 from multicam.geometry import se3
@@ -32,14 +32,24 @@ def truth(rng: np.random.Generator) -> State:
     return State(np.array(cameras), np.array(objects))
 
 
-def problem(rng: np.random.Generator, state: State, noise: float = 0.0, gross: int = 0) -> Problem:
-    """Every camera sees every object; the first `gross` edges are nonsense."""
+def problem(
+    rng: np.random.Generator, state: State, noise: float = 0.0, gross: int = 0, tracked: bool = False
+) -> Problem:
+    """Every camera sees every object; the first `gross` edges are nonsense. On request the last two are one camera."""
     camera, obj = (index.reshape(-1) for index in np.indices((CAMERAS, OBJECTS)))
     observed = se3.inverse(state.world_from_camera)[camera] @ state.world_from_object[obj]
     observed = se3.plus(observed, noise * SPREAD * rng.normal(size=(len(camera), 6)))
     observed[:gross] = se3.random(rng, gross)
     information = np.broadcast_to(np.diag(SPREAD**-2.0), (len(camera), 6, 6))
-    return Problem((PoseFactor(camera, obj, observed, information, Student(2.0, 6)),), FIXED)
+    factors = (PoseFactor(camera, obj, observed, information, Student(2.0, 6)),)
+    return Problem(factors, FIXED, (motion(state),) if tracked else ())
+
+
+def motion(state: State) -> OdometryFactor:
+    """The true motion from the second camera to the third, with two millimetres and a tenth of a degree."""
+    relative = se3.inverse(state.world_from_camera[1]) @ state.world_from_camera[2]
+    spread = np.array([0.002] * 6)
+    return OdometryFactor(np.array([1]), np.array([2]), relative[None], np.diag(spread**-2)[None])
 
 
 def disturbed(rng: np.random.Generator, state: State, size: float = 0.05) -> State:
@@ -58,6 +68,7 @@ def dense(system: NormalEquations) -> tuple[np.ndarray, np.ndarray]:
         for c in range(cameras):
             hessian[cameras + o, :, c] = system.coupling[o, c]
             hessian[c, :, cameras + o] = system.coupling[o, c].T
+    hessian[:cameras, :, :cameras] += np.swapaxes(system.motion, 1, 2)
     size = 6 * (cameras + objects)
     gradient = np.concatenate((system.camera_gradient.reshape(-1), system.object_gradient.reshape(-1)))
     return hessian.reshape(size, size), gradient
@@ -67,7 +78,7 @@ def dense(system: NormalEquations) -> tuple[np.ndarray, np.ndarray]:
 @given(seeds())
 def test_the_joint_gradient_is_exact_for_cameras_and_objects(rng: np.random.Generator) -> None:
     true_state = truth(rng)
-    task, state = problem(rng, true_state), disturbed(rng, true_state)
+    task, state = problem(rng, true_state, tracked=True), disturbed(rng, true_state)
     _, gradient = dense(task.linearize(state)[1])
     steps = 1e-6 * np.eye(len(gradient))
     numeric = [
@@ -78,7 +89,7 @@ def test_the_joint_gradient_is_exact_for_cameras_and_objects(rng: np.random.Gene
 
 def test_the_joint_hessian_is_exact_at_the_truth(rng: np.random.Generator) -> None:
     state = truth(rng)
-    task = problem(rng, state)
+    task = problem(rng, state, tracked=True)
     hessian, _ = dense(task.linearize(state)[1])
     steps = 1e-6 * np.eye(len(hessian))
     numeric = [
@@ -104,7 +115,7 @@ def test_a_camera_moved_on_the_left_needs_the_other_adjoint(rng: np.random.Gener
 @given(seeds(), st.sampled_from((0.0, 1e-4, 1.0)))
 def test_elimination_of_the_objects_agrees_with_a_dense_solve(rng: np.random.Generator, damping: float) -> None:
     true_state = truth(rng)
-    system = problem(rng, true_state).linearize(disturbed(rng, true_state))[1]
+    system = problem(rng, true_state, tracked=True).linearize(disturbed(rng, true_state))[1]
     hessian, gradient = dense(system)
     hessian = hessian + damping * np.diag(np.diag(hessian))
     expected = -np.linalg.solve(hessian, gradient)
@@ -208,16 +219,22 @@ def test_the_noise_scale_follows_the_residuals(rng: np.random.Generator, factor:
     assert 0.6 * factor <= np.median(scales) < 2 * factor
 
 
-def test_a_prior_replaces_the_fixed_camera(rng: np.random.Generator) -> None:
+def test_a_tracked_camera_that_sees_nothing_is_where_its_motion_says(rng: np.random.Generator) -> None:
     state = truth(rng)
-    with_gauge = problem(rng, state, noise=0.3)
-    prior = CameraPrior(np.array([0]), state.world_from_camera[:1], 1e8 * np.eye(6)[None])
-    free = Problem(with_gauge.factors, np.zeros(CAMERAS, dtype=np.bool_), (prior,))
-    start, config = disturbed(rng, state), LevenbergConfig(iterations=60, tolerance=1e-8)
-    expected, found = minimize(with_gauge, start, config).state, minimize(free, start, config).state
-    assert np.allclose(found.world_from_camera, expected.world_from_camera, atol=1e-5)
-    covariance = free.covariances(found)[0]
-    assert np.allclose(covariance[0], 1e-8 * np.eye(6), atol=1e-10)
+    factor = problem(rng, state, noise=0.3).factors[0]
+    assert isinstance(factor, PoseFactor)
+    sighted = np.flatnonzero(factor.camera < 2)
+    edges = PoseFactor(
+        factor.camera[sighted], factor.object[sighted], factor.observed[sighted], factor.information[sighted],
+        factor.kernel,
+    )  # fmt: skip
+    task = Problem((edges,), FIXED, (motion(state),))
+    found = minimize(task, disturbed(rng, state), LevenbergConfig(iterations=60, tolerance=1e-9)).state
+    moved = se3.inverse(found.world_from_camera[1]) @ found.world_from_camera[2]
+    assert np.allclose(moved, motion(state).measured[0], atol=1e-7)
+    covariance = task.covariances(found)[0]
+    carried = se3.adjoint(se3.inverse(moved)) @ covariance[1] @ se3.adjoint(se3.inverse(moved)).T
+    assert_close(covariance[2], carried + 0.002**2 * np.eye(6), rtol=1e-6, atol=1e-12)
 
 
 def test_nothing_to_move_is_no_error() -> None:

@@ -65,7 +65,7 @@ def test_both_cameras_are_placed_from_pictures_alone(finished, marked):
         truth = recording.truth_of(name, 0)
         # Keypoints pass through 32-bit pixels of a 64 px wide input.
         np.testing.assert_allclose(last.camera(name).world_from_camera, truth, atol=2e-3)
-    assert set(last.seconds) == {"network", "pnp", "registration", "graph"}
+    assert set(last.seconds) == {"network", "pnp", "graph"}
     assert len(last.objects) == 10
 
 

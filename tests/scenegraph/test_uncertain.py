@@ -2,8 +2,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from multicam.geometry import se3
-from multicam.scenegraph.uncertain import UncertainPose, fuse, isotropic, mahalanobis, shrinkage
+from multicam.geometry import se3, so3
+from multicam.scenegraph.uncertain import UncertainPose, fuse, isotropic, mahalanobis, spread
 from tests.strategies import transforms
 
 DRAWS = 40_000
@@ -128,7 +128,10 @@ def test_the_mahalanobis_distance_of_honest_measurements_is_chi_square(rng):
     assert abs(np.mean(squared > 12.59) - 0.05) < 0.015
 
 
-def test_shrinkage_is_the_share_by_which_deviations_fell(rng):
-    a = UncertainPose(se3.random(rng), covariance(rng))
-    np.testing.assert_allclose(shrinkage(a, UncertainPose(a.pose, a.covariance / 4)), 0.5)
-    np.testing.assert_allclose(shrinkage(a, fuse(a, a)), 1 - np.sqrt(0.5), rtol=1e-6)
+def test_the_spread_is_that_of_a_point_a_metre_away(rng):
+    turn, shift = 0.02, 0.01
+    points = sample(UncertainPose(np.eye(4), isotropic(turn, shift)), rng, DRAWS)[:, :3, 3]
+    turned = so3.exp(turn * rng.normal(size=(DRAWS, 3)))[:, :, 2] + points - [0, 0, 1]
+    # A turn about the line of sight moves nothing on it, but counts.
+    found = spread(UncertainPose(np.eye(4), isotropic(turn, shift)))
+    np.testing.assert_allclose(found**2 - turn**2, turned.var(axis=0).sum(), rtol=0.03)
