@@ -31,12 +31,16 @@ class RunErrors:
     Attributes:
         cameras: static camera to its errors in the headset's frame: inv(world_from_headset) @ world_from_static.
         pairs: two static cameras to the errors of their relative pose.
+        headset: errors of the headset against its first pose, as the run has it.
+        tracking: the same by its own tracking alone, which drifts.
         objects: class to ADD(-S) errors (m) in the headset's frame over all steps; infinite for a missing object.
         single_view: class to the errors of the network's own estimates, picture by picture.
     """
 
     cameras: dict[str, tuple[CameraError | None, ...]]
     pairs: dict[tuple[str, str], tuple[CameraError | None, ...]]
+    headset: tuple[CameraError | None, ...]
+    tracking: tuple[CameraError | None, ...]
     objects: dict[int, tuple[float, ...]]
     single_view: dict[int, list[ObjectErrors]]
 
@@ -120,9 +124,41 @@ def evaluate_run(run: RunResult, estimates: Estimates, recording: Recording, pro
     return RunErrors(
         {name: tuple(errors) for name, errors in cameras.items()},
         {pair: tuple(errors) for pair, errors in pairs.items()},
+        *_headset_errors(run, truth),
         {obj_id: tuple(errors) for obj_id, errors in sorted(objects.items())},
         evaluate_estimates(estimates, pictures, recording.catalogue, progress),
     )
+
+
+def run_from_true(run: RunResult, truth: Truth) -> FloatArray | None:
+    """(4, 4) from the recording's world to that of the run, which coincide at the headset's first pose, if any."""
+    for step in run.steps:
+        reference = _latest_reference(step.camera(run.headset), truth)
+        if reference is not None:
+            assert reference.found.world_from_camera is not None
+            return reference.found.world_from_camera @ se3.inverse(reference.true_world_from_headset)
+    return None
+
+
+def _headset_errors(
+    run: RunResult, truth: Truth
+) -> tuple[tuple[CameraError | None, ...], tuple[CameraError | None, ...]]:
+    """Per step as the run has the headset, and by its tracking alone."""
+    change = run_from_true(run, truth)
+    corrected: list[CameraError | None] = []
+    alone: list[CameraError | None] = []
+    for step in run.steps:
+        reference = _latest_reference(step.camera(run.headset), truth)
+        if reference is None or change is None:
+            corrected.append(None)
+            alone.append(None)
+            continue
+        found, true = reference.found.world_from_camera, change @ reference.true_world_from_headset
+        assert found is not None
+        corrected.append(camera_error(found, true))
+        drift = step.world_from_tracking
+        alone.append(None if drift is None else camera_error(se3.inverse(drift) @ found, true))
+    return tuple(corrected), tuple(alone)
 
 
 def _latest_reference(headset: CameraResult, truth: Truth) -> _Reference | None:

@@ -21,9 +21,11 @@ TENTH = 0.1
 
 
 def camera_table(run: RunResult, errors: RunErrors) -> Table:
-    """One row per static camera and per pair of them; errors over the steps at which there was a pose."""
+    """One row per static camera and per pair of them, and two for the headset; errors where there was a pose."""
     rows = [_camera_row(f"{name} in {run.headset}", found) for name, found in errors.cameras.items()]
     rows += [_camera_row(f"{b} in {a}", found) for (a, b), found in errors.pairs.items()]
+    rows.append(_camera_row(f"{run.headset} since its first pose", errors.headset))
+    rows.append(_camera_row(f"{run.headset} by its tracking alone", errors.tracking))
     columns = ("camera", "has pose %", "good %", "median mm", "median deg", "p90 mm", "p90 deg", "last mm", "last deg")
     decimals = (0, 0, 0, 1, 2, 1, 2, 1, 2)
     return Table(
@@ -146,7 +148,8 @@ def _camera_row(name: str, series: Sequence[CameraError | None]) -> tuple[Cell, 
         return name, 0.0, 0.0, *[None] * 7
     mm, deg = (np.array([getattr(e, n) for e in found]) for n in ("centre_mm", "rotation_deg"))
     good = float(np.sum((mm < GOOD_MM) & (deg < GOOD_DEG)))
-    inside = 100 * float(np.mean([bool(e.inside) for e in found]))
+    judged = [e.inside for e in found if e.inside is not None]
+    inside = 100 * float(np.mean(judged)) if judged else None
     quantiles = [float(np.percentile(values, q)) for q in (50, 90) for values in (mm, deg)]
     last = (found[-1].centre_mm, found[-1].rotation_deg) if series[-1] is not None else (None, None)
     return name, 100 * len(found) / len(series), 100 * good / len(series), *quantiles, *last, inside

@@ -40,7 +40,7 @@ def place_cameras(
     graph = solution.graph
     anchor = _anchor(graph, {e.obj_id for view in views for e in view.estimates})
     if anchor is None:
-        return graph, dict.fromkeys((view.view_id for view in views), "nothing is known yet that it could be placed by")
+        return graph, {view.view_id: _stranded(view, catalogue) for view in views}
     expected = expect(solution, anchor, timestamp_ns)
     at_rest = [n for n, number in enumerate(expected.numbers) if number is not None]
     known = expected.objects[np.array(at_rest, dtype=np.int64)]
@@ -66,6 +66,13 @@ def _anchor(graph: SceneGraph, classes: set[int]) -> int | None:
     if not any(counts):
         return None
     return max(range(len(counts)), key=lambda n: (counts[n], n))
+
+
+def _stranded(view: View, catalogue: Catalogue) -> str:
+    names = sorted({catalogue[estimate.obj_id].name for estimate in view.estimates})
+    if not names:
+        return "no known object was found in it; point it at objects that other cameras see"
+    return f"it sees {', '.join(names)}, which no camera of known pose has seen yet; let the headset look at them"
 
 
 def _estimates(objects: PosedObjects) -> tuple[ObjectEstimate, ...]:

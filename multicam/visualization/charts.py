@@ -8,7 +8,10 @@ from typing import Any
 import numpy as np
 
 from multicam.dataset.runs import RunResult
+from multicam.evaluation.camera_error import camera_error
 from multicam.evaluation.run_error import RunErrors
+from multicam.geometry import se3
+from multicam.types import FloatArray
 
 STAGE_COLORS = {"network": "#3b6fd4", "pnp": "#7aa5ee", "graph": "#2f9e57"}
 LINE_COLORS = ("#3b6fd4", "#c2410c", "#2f9e57", "#7c3aed", "#0f766e", "#be185d")
@@ -29,6 +32,45 @@ def error_chart(run: RunResult, errors: RunErrors) -> bytes:
         panel.set_ylim(bottom=0)
     axes[0].legend(fontsize=8, frameon=False)
     return _svg(figure)
+
+
+def drift_chart(run: RunResult, errors: RunErrors | None) -> bytes:
+    """How far the headset's tracking has drifted (mm, deg) over time: as estimated and, where known, in truth.
+
+    The drift is taken where the headset is. With the truth also the error that is left.
+    """
+    seconds = _seconds(run)
+    lines = {"drift, estimated": (_estimated_drift(run), "#3b6fd4", "-")}
+    if errors is not None:
+        for name, series, color in (
+            ("drift, true", errors.tracking, "#1d2430"),
+            ("after correction", errors.headset, "#2f9e57"),
+        ):
+            values = [(np.nan, np.nan) if e is None else (e.centre_mm, e.rotation_deg) for e in series]
+            lines[name] = np.array(values), color, "--" if color == "#1d2430" else "-"
+    figure, axes = _figure(2, (11, 2.6))
+    for name, (values, color, style) in lines.items():
+        for column, panel in enumerate(axes):
+            panel.plot(seconds, values[:, column], style, linewidth=1.5, color=color, label=name)
+    for panel, unit in zip(axes, ("mm", "deg"), strict=True):
+        panel.set_ylabel(unit, fontsize=8.5)
+        panel.set_xlabel("s", fontsize=8.5)
+        panel.set_ylim(bottom=0)
+    axes[0].legend(fontsize=8, frameon=False)
+    return _svg(figure)
+
+
+def _estimated_drift(run: RunResult) -> FloatArray:
+    """(steps, 2) mm and deg between the headset's pose in the world and that by its tracking; nan where unknown."""
+    rows: list[tuple[float, float]] = []
+    for step in run.steps:
+        pose, drift = step.camera(run.headset).world_from_camera, step.world_from_tracking
+        if pose is None or drift is None:
+            rows.append((np.nan, np.nan))
+        else:
+            error = camera_error(se3.inverse(drift) @ pose, pose)
+            rows.append((error.centre_mm, error.rotation_deg))
+    return np.array(rows)
 
 
 def time_chart(run: RunResult) -> bytes:

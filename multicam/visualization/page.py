@@ -16,13 +16,12 @@ from multicam.dataset.bop_reader import read_image
 from multicam.dataset.runs import CameraResult, RunResult, StepResult
 from multicam.dataset.sequence import Recording
 from multicam.errors import DataError
-from multicam.evaluation.run_error import RunErrors, Truth
+from multicam.evaluation.run_error import RunErrors, Truth, run_from_true
 from multicam.evaluation.single_view import single_view_table
 from multicam.evaluation.tables import camera_table, coverage_table, object_table, statements, time_table
 from multicam.files import write_bytes, write_text
-from multicam.geometry import se3
 from multicam.progress import Progress
-from multicam.visualization.charts import error_chart, time_chart
+from multicam.visualization.charts import drift_chart, error_chart, time_chart
 from multicam.visualization.overlay import color_of
 from multicam.visualization.pictures import encode_jpeg, overlay_path
 from multicam.visualization.topview import STATUS_COLORS, TopView, TrueWorld
@@ -37,8 +36,8 @@ SHOWN_WIDTH = 480
 
 MEANINGS = {
     "tracked": "its own tracking gives the pose",
-    "placed": "measured at this step",
-    "kept": "pose from an earlier step",
+    "placed": "what it sees confirms its pose",
+    "kept": "pose from an earlier step, not confirmed now",
     "not placed": "no pose",
 }
 
@@ -97,6 +96,7 @@ def write_page(
         status_colors=STATUS_COLORS,
         meanings=MEANINGS,
         error_chart=_data_uri(error_chart(run, errors), "svg+xml") if errors else None,
+        drift_chart=_data_uri(drift_chart(run, errors), "svg+xml"),
         time_chart=_data_uri(time_chart(run), "svg+xml"),
         **{name: None if table is None else table.to_html() for name, table in tables.items()},
     )
@@ -112,16 +112,12 @@ def true_world(run: RunResult, recording: Recording) -> TrueWorld:
         DataError: the recording carries no truth.
     """
     truth = Truth(recording)
-    headsets = [h for h in (step.camera(run.headset) for step in run.steps) if h.timestamp_ns is not None]
-    trues = [truth.camera(h.camera_id, h.timestamp_ns) for h in headsets if h.timestamp_ns is not None]
-    first = next((i for i, h in enumerate(headsets) if h.world_from_camera is not None), None)
-    if first is None:
+    change = run_from_true(run, truth)
+    if change is None:
         raise DataError(f"the headset {run.headset} has no pose at any step.")
-    found = headsets[first].world_from_camera
-    assert found is not None
-    run_from_true = found @ se3.inverse(trues[first])
-    statics = {name: run_from_true @ truth.static(name) for name in run.statics}
-    return TrueWorld(run_from_true @ np.stack(trues), statics)
+    headsets = (step.camera(run.headset) for step in run.steps)
+    trues = [truth.camera(h.camera_id, h.timestamp_ns) for h in headsets if h.timestamp_ns is not None]
+    return TrueWorld(change @ np.stack(trues), {name: change @ truth.static(name) for name in run.statics})
 
 
 def _shown_step(folder: Path, run: RunResult, number: int, top_view: TopView) -> dict[str, Any]:
