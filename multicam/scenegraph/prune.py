@@ -4,14 +4,20 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from multicam.scenegraph.graph import SceneGraph
+from multicam.scenegraph.graph import Rest, SceneGraph
 from multicam.scenegraph.solution import reached
 
 
 def prune(graph: SceneGraph, timestamp_ns: int) -> SceneGraph:
     """Ends rests that nobody has confirmed for long, and drops what is over and not needed."""
-    oldest = timestamp_ns - graph.config.objects.forget_after * 1e9
-    rests = {n: replace(rest, over=True) if rest.seen_ns < oldest else rest for n, rest in graph.rests.items()}
+    config = graph.config.objects
+
+    def is_over(rest: Rest) -> bool:
+        patience = config.forget_after if rest.sightings >= config.min_sightings else config.doubt_after
+        return rest.over or rest.seen_ns < timestamp_ns - patience * 1e9
+
+    rests = {n: replace(rest, over=is_over(rest)) for n, rest in graph.rests.items()}
+    oldest = timestamp_ns - config.forget_after * 1e9
     movers = {i: mover for i, mover in graph.movers.items() if mover.seen_ns >= oldest}
     graph = without_idle_rests(replace(graph, rests=rests, movers=movers))
     for stay in graph.former:
@@ -19,7 +25,7 @@ def prune(graph: SceneGraph, timestamp_ns: int) -> SceneGraph:
         if is_whole(shorter):
             graph = shorter
     over = sorted((rest.seen_ns, n) for n, rest in graph.rests.items() if rest.over)
-    for _, number in over[: max(0, len(over) - graph.config.objects.remember)]:
+    for _, number in over[: max(0, len(over) - config.remember)]:
         shorter = only(graph, set(graph.rests) - {number})
         if is_whole(shorter):
             graph = shorter

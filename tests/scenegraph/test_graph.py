@@ -251,8 +251,19 @@ def test_places_that_are_over_are_kept_while_they_hold_others_together(rng):
 def test_an_object_that_nobody_sees_for_long_is_no_longer_expected(rng):
     graph = make_graph(rng)
     wait = int(CONFIG.objects.forget_after) * SECOND
-    assert not any(r.over for r in prune(graph, wait).rests.values())
-    assert all(r.over for r in prune(graph, wait + SECOND).rests.values())
+    known = replace(graph, rests={n: replace(r, sightings=2) for n, r in graph.rests.items()})
+    assert not any(r.over for r in prune(known, wait).rests.values())
+    assert all(r.over for r in prune(known, wait + SECOND).rests.values())
+
+
+def test_a_false_detection_is_soon_forgotten(rng):
+    graph = make_graph(rng)
+    stay = replace(graph.places["left"], edges={**graph.places["left"].edges, 9: sight(WORLD_FROM_OBJECT)})
+    graph = replace(graph.with_rest(9, rest(9)), places={**graph.places, "left": stay})
+    wait = int(CONFIG.objects.doubt_after * SECOND)
+    assert 9 in prune(graph, wait).rests
+    assert 9 not in prune(graph, wait + 1).rests
+    assert 9 not in prune(graph, wait + 1).places["left"].edges
 
 
 def test_a_point_is_in_the_picture_if_it_lies_before_the_camera_and_projects_into_it():

@@ -4,10 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
 
 from multicam.geometry import se3
+from multicam.scenegraph.prune import is_whole
 from multicam.scenegraph.query import relative
 from tests.scenegraph.walking import CONFIG, NOISE, SLOW, Walked, go
+from tests.strategies import seeds
 from tests.toy_walk import HEADSET, LEFT, RIGHT, ToyWalk, make_walk
 
 THERE_AND_BACK = [*np.linspace(0, 1, 8), 1.0, *np.linspace(1, 0, 8), 0.0]
@@ -251,3 +254,29 @@ def test_memory_does_not_grow_with_time():
     assert max(len(graph.keyframes) for graph in walked.graphs) <= 8
     assert max(sum(rest.over for rest in graph.rests.values()) for graph in walked.graphs) <= 5
     assert walked.pair(-1)[1] < 0.06
+
+
+@settings(max_examples=6, deadline=None)
+@given(seeds())
+def test_whatever_happens_the_graph_holds_together(rng):
+    path = np.clip(np.cumsum(rng.normal(scale=0.15, size=20)) + rng.uniform(), 0, 1)
+    walk = make_walk(rng, path=path, step_ns=SLOW, rotation_drift=0.003, translation_drift=0.005)
+    for at in rng.integers(1, 20, size=4).tolist():
+        twist = np.concatenate((0.3 * rng.normal(size=3), 0.1 * rng.normal(size=3)))
+        match rng.integers(4):
+            case 0:
+                walk = walk.with_bump(LEFT, at, twist)
+            case 1:
+                walk = walk.with_bump(RIGHT, at, 0.1 * twist)
+            case 2:
+                walk = walk.with_motion(rng.integers(10, size=3).tolist(), at, at + int(rng.integers(3)), twist)
+            case _:
+                walk = walk.with_jump(at, twist)
+    untracked = tuple(rng.integers(20, size=4).tolist())
+    walked = go(walk, rng, untracked=untracked, outlier_fraction=0.2, **NOISE)
+    for graph, result in zip(walked.graphs, walked.results, strict=True):
+        assert is_whole(graph)
+        for camera in result.cameras:
+            assert (camera.world_from_camera is None) == (camera.status == "not placed")
+            if camera.covariance is not None and camera.camera_id != HEADSET:
+                assert np.linalg.eigvalsh(camera.covariance).min() > 0
