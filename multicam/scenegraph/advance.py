@@ -15,9 +15,10 @@ from multicam.scenegraph.expectation import Sight, compare, expect
 from multicam.scenegraph.graph import SceneGraph
 from multicam.scenegraph.keyframe import track
 from multicam.scenegraph.look import enter, revise_objects
-from multicam.scenegraph.place import convict, inspect, inspect_recent, place_cameras
+from multicam.scenegraph.place import place_cameras
 from multicam.scenegraph.prune import prune
 from multicam.scenegraph.solution import Solution, assess, solve
+from multicam.scenegraph.suspicion import has_crept, has_moved, suspect
 from multicam.types import FloatArray, View
 
 MOVED = "it seems to have been moved: what it sees lies elsewhere than before, in one and the same way"
@@ -71,15 +72,16 @@ def advance(
         index = graph.index_of(name)
         assert index is not None
         sight = _compare(solution, index, view, seen[name], catalogue, config, timestamp_ns)
-        graph, trusted = inspect(graph, name, sight, seen[name], catalogue, config)
-        if trusted:
+        moved = has_moved(graph, sight, seen[name], catalogue, config)
+        if not moved:
             graph = enter(graph, name, sight, seen[name], catalogue, timestamp_ns)
-            graph, trusted = inspect_recent(graph, name, catalogue, config, timestamp_ns)
-        if trusted:
-            sights[name] = sight, seen[name]
-        else:
-            graph = convict(graph, name)
+            moved = has_crept(graph, name, catalogue, config, timestamp_ns)
+        if moved:
+            graph = suspect(graph, name)
             reasons[name] = MOVED
+        else:
+            graph = graph.without_suspect(name)
+            sights[name] = sight, seen[name]
     graph = revise_objects(graph, sights, catalogue, timestamp_ns)
     graph = prune(graph, timestamp_ns)
     lost = [view for view in views if graph.stay_of(view.view_id) is None]

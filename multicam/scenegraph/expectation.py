@@ -16,7 +16,7 @@ from multicam.matching.symmetry import SymmetryTable
 from multicam.scenegraph.graph import Mover, Rest
 from multicam.scenegraph.solution import Solution
 from multicam.scenegraph.uncertain import UncertainPose, mahalanobis
-from multicam.types import FloatArray
+from multicam.types import FloatArray, ObjectEstimate
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +84,16 @@ def expect(solution: Solution, stay: int, timestamp_ns: int) -> Expectation:
 def predicted(mover: Mover, timestamp_ns: int, motion_per_second: FloatArray) -> UncertainPose:
     """world_from_object of an object in motion some time after its last sighting."""
     return mover.pose.inflated((timestamp_ns - mover.seen_ns) * 1e-9 * motion_per_second)
+
+
+def as_estimates(objects: PosedObjects) -> tuple[ObjectEstimate, ...]:
+    """Objects in a frame as the estimates of a view, for a registration."""
+    return tuple(
+        ObjectEstimate(int(obj_id), float(score), pose, covariance)
+        for obj_id, score, pose, covariance in zip(
+            objects.obj_id, objects.score, objects.frame_from_object, objects.covariance, strict=True
+        )
+    )
 
 
 def compare(

@@ -140,6 +140,16 @@ def test_a_bumped_camera_is_noticed_and_placed_anew(bump, patience):
         assert walked.status(LEFT)[noticed + 1 :] == ["placed"] * (29 - noticed)
 
 
+def test_a_bump_that_hides_in_the_noise_of_every_look_is_noticed_by_many():
+    noticed = 0
+    for seed in range(4):
+        rng, walk = loiter(seed, 40)
+        walked = go(walk.with_bump(LEFT, 20, (0.02, 0, 0, 0.01, 0, 0)), rng, **NOISE)
+        noticed += walked.graphs[-1].places[LEFT].since_ns > walked.graphs[19].places[LEFT].since_ns
+        assert walked.in_headset(-1, LEFT)[1] < 0.008
+    assert noticed >= 3
+
+
 def test_before_a_bump_is_certain_the_old_place_is_kept_and_the_reason_says_so():
     rng, walk = loiter(0, 14)
     walked = go(walk.with_bump(LEFT, 12, (0.15, 0.05, 0.0, 0.1, 0.05, 0.0)), rng, **NOISE)
