@@ -20,7 +20,7 @@ help:
 	@echo "make test       everything installed, every test run"
 	@echo "make check      lint, types, import contracts and tests, as the gate runs them"
 	@echo "make e2e        CAD models -> renders -> training -> ONNX -> run -> evaluate, resumable"
-	@echo "make benchmark  registration: published estimates (MULTICAM_BENCH), worse ones, ablation, scale; walks"
+	@echo "make benchmark  registration: published estimates (MULTICAM_BENCH), worse ones, ablation; simulations"
 	@echo "make wheel      build the wheel and try it in an empty environment"
 
 demo: $(DEMO_VENV)/.ready
@@ -76,7 +76,9 @@ benchmark: $(VENV)/.ready
 	$(BIN)/python benchmarks/registration.py
 	$(BIN)/python benchmarks/degraded.py
 	$(BIN)/python benchmarks/ablation.py
+	$(BIN)/python benchmarks/refused.py
 	OMP_NUM_THREADS=1 $(BIN)/python benchmarks/scale.py
+	OMP_NUM_THREADS=1 $(BIN)/python benchmarks/honesty.py
 	OMP_NUM_THREADS=1 $(BIN)/python benchmarks/walk.py
 
 wheel: $(VENV)/.ready
