@@ -22,7 +22,7 @@ from multicam.scenegraph.graph import SceneGraph
 from multicam.scenegraph.keyframe import keep
 from multicam.scenegraph.query import chain
 from multicam.scenegraph.solution import Solution
-from multicam.types import Frame, FrameSet, ObjectEstimate, View
+from multicam.types import FloatArray, Frame, FrameSet, ObjectEstimate, View
 
 NO_PICTURE = "it gave no picture at this time"
 
@@ -68,13 +68,14 @@ def step(
     if solution is None:
         cameras = tuple(_unplaced(name, frames.get(name), reasons) for name in (graph.headset, *graph.statics))
         return graph, StepResult(now, cameras, (), None, {"graph": time.perf_counter() - began})
-    results = _camera_results(solution, frames, tracked, reasons, now)
-    objects = _object_results(solution, now)
+    cameras, objects = solution.seen_from(_reference(solution.graph))
+    results = _camera_results(solution.graph, cameras, frames, tracked, reasons, now)
+    found = _object_results(solution, objects, now)
     drift = None
     if tracked is not None and solution.graph.now is not None:
         drift = solution.graph.now.world_from_camera @ se3.inverse(tracked.tracking_from_headset)
     graph = keep(solution.graph, tracked is not None)
-    return graph, StepResult(now, results, objects, drift, {"graph": time.perf_counter() - began})
+    return graph, StepResult(now, results, found, drift, {"graph": time.perf_counter() - began})
 
 
 def _view(frame: Frame, estimates: tuple[ObjectEstimate, ...]) -> View:
@@ -98,14 +99,13 @@ def _tracked_pose(frame: Frame | None) -> TrackedPose | None:
 
 
 def _camera_results(
-    solution: Solution,
+    graph: SceneGraph,
+    covariances: FloatArray,
     frames: Mapping[str, Frame],
     tracked: TrackedPose | None,
     reasons: Mapping[str, str],
     now: int,
 ) -> tuple[CameraResult, ...]:
-    graph = solution.graph
-    covariances, _ = solution.seen_from(_reference(graph))
     results: list[CameraResult] = []
     for name in (graph.headset, *graph.statics):
         frame, stay, index = frames.get(name), graph.stay_of(name), graph.index_of(name)
@@ -148,9 +148,8 @@ def _status(
     return "kept", reason or "it sees none of the objects that are known"
 
 
-def _object_results(solution: Solution, now: int) -> tuple[ObjectResult, ...]:
+def _object_results(solution: Solution, covariances: FloatArray, now: int) -> tuple[ObjectResult, ...]:
     graph = solution.graph
-    _, covariances = solution.seen_from(_reference(graph))
     present = [stay for stay in map(graph.stay_of, (graph.headset, *graph.statics)) if stay is not None]
     results: list[ObjectResult] = []
     for covariance, number in zip(covariances, solution.numbers, strict=True):
