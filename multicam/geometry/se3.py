@@ -71,13 +71,6 @@ def left_jacobian_inverse(xi: Float64[np.ndarray, "*batch 6"]) -> Float64[np.nda
     return so3.over_stack(compiled.left_jacobian_inverse_all, xi, 1, (6, 6))
 
 
-def interpolate(
-    a: Float64[np.ndarray, "*#batch 4 4"], b: Float64[np.ndarray, "*#batch 4 4"], fraction: float
-) -> np.ndarray:
-    """Pose on the geodesic from a (fraction 0) to b (fraction 1); angles below pi."""
-    return plus(a, fraction * minus(b, a))
-
-
 def random(rng: np.random.Generator, *batch: int, spread: float = 1.0) -> np.ndarray:
     """Uniform rotations and normal translations (standard deviation `spread` metres)."""
     return from_parts(so3.random(rng, *batch), spread * rng.normal(size=(*batch, 3)))

@@ -72,6 +72,8 @@ def solve(graph: SceneGraph) -> Solution:
 def _drift_scale(graph: SceneGraph, problem: Problem, state: State, noise_scale: float) -> float:
     """One step of expectation-maximisation for the variance of the headset's drift; the next solution uses it."""
     expected = problem.expected_motion(state, noise_scale)
+    if not len(expected):
+        return graph.drift_scale
     return (DRIFT_PRIOR + graph.drift_scale * float(expected.sum())) / (DRIFT_PRIOR + 6 * len(expected))
 
 

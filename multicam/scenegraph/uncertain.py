@@ -42,16 +42,6 @@ class UncertainPose:
         """The same pose with independent noise (6, 6) added in the source frame."""
         return UncertainPose(self.pose, self.covariance + covariance)
 
-    @property
-    def rotation_std(self) -> float:
-        """Standard deviation (rad) about the least certain axis."""
-        return float(np.sqrt(np.linalg.eigvalsh(self.covariance[:3, :3])[-1]))
-
-    @property
-    def translation_std(self) -> float:
-        """Standard deviation (m) along the least certain direction."""
-        return float(np.sqrt(np.linalg.eigvalsh(self.covariance[3:, 3:])[-1]))
-
 
 def transport(covariance: FloatArray, transform: FloatArray) -> FloatArray:
     """Ad(T) Cov Ad(T)^T: a tangent's covariance seen from the frame that T leads to."""

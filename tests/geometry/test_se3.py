@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from hypothesis import given
-from hypothesis import strategies as st
 from scipy.linalg import expm
 
 from multicam.geometry import se3, so3
@@ -118,15 +117,6 @@ def test_act_maps_points_and_batches(transform: Array, point: Array, rng: np.ran
     assert_close(se3.act(many, points)[1, 3], (many[1, 3] @ np.c_[points, np.ones(7)].T)[:3].T)
     each = rng.normal(size=(2, 5, 7, 3))
     assert_close(se3.act(many, each)[1, 3], se3.act(many[1, 3], each[1, 3]))
-
-
-@given(transforms(), twists(np.pi - 1e-3), st.floats(0, 1))
-def test_interpolation_runs_along_the_geodesic(a: Array, xi: Array, fraction: float) -> None:
-    b = se3.plus(a, xi)
-    middle = se3.interpolate(a, b, fraction)
-    assert_close(se3.interpolate(a, b, 0.0), a, atol=1e-10)
-    assert_close(se3.interpolate(a, b, 1.0), b, atol=1e-9)
-    assert_close(se3.minus(middle, a), fraction * xi, atol=1e-7)
 
 
 @given(rotations(), arrays(3, 5))

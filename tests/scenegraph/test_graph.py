@@ -120,6 +120,31 @@ def test_a_solution_leaves_exact_poses_alone_and_mends_disturbed_ones(rng):
         np.testing.assert_allclose(after.world_from_camera, before.world_from_camera, atol=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("common", "turn", "least", "most"), [(0.0, 0.1, 0.8, 0.9), (0.9, 0.1, 0.95, 1.0), (0.9, 1.0, 0.8, 0.9)]
+)
+def test_views_from_like_directions_count_as_fewer(common, turn, least, most):
+    config, rests = replace(CONFIG, common=common), {n: rest(n) for n in range(3)}
+    around = rests[1].world_from_object
+    poses = [np.eye(4), around @ se3.exp(np.array([0, turn, 0, 0, 0, 0])) @ se3.inverse(around)]
+    places = {"far": Stay("far", 0, 0, np.eye(4), seen_from(np.eye(4), rests, (0, 1, 2)))}
+    # So far off that nothing but the two keyframes looks from a like direction.
+    behind = around @ se3.exp(np.array([0, 3.0, 0, 0, 0, 0])) @ se3.inverse(around)
+    places["far"] = replace(places["far"], world_from_camera=behind, edges=seen_from(behind, rests, (0, 1, 2)))
+    sharp = isotropic(1e-4, 1e-4)
+    views = [
+        Stay("head", n, n, pose, seen_from(pose, rests, (0, 1, 2)), UncertainPose(pose, sharp) if n else None)
+        for n, pose in enumerate(poses)
+    ]
+    spreads = []
+    for keyframes in (views[:1], views):
+        graph = SceneGraph("head", ("far",), config=config, keyframes=tuple(keyframes), places=places, rests=rests)
+        cameras, _ = solve(graph).seen_from(0)
+        # The far camera's own errors are the same in both, so that twice as many looks give a factor of 0.87.
+        spreads.append(np.sqrt(np.trace(cameras[graph.index_of("far")])))
+    assert least < spreads[1] / spreads[0] < most
+
+
 def test_what_hangs_together_is_found_over_objects_and_tracking(rng):
     graph = make_graph(rng)
     assert reached(graph) == set(range(5))
@@ -160,11 +185,11 @@ def test_drift_gathers_while_the_headset_moves_and_lies_where_it_is():
     step = se3.exp(np.array([0, 0, 0, 0.1, 0, 0]))
     pose = np.eye(4)
     for n in range(5):
-        graph, _ = track(graph, n * SECOND, pose)
+        graph, _ = track(graph, 2 * n * SECOND, pose)
         pose = pose @ step
     found = graph.tracking.since_keyframe
     np.testing.assert_allclose(found.pose, np.linalg.matrix_power(step, 4), atol=1e-12)
-    rate = graph.config.tracking.drift_per_second
+    rate = 2 * graph.config.tracking.drift_per_second
     levers = [se3.adjoint(se3.inverse(np.linalg.matrix_power(step, n))) for n in range(4)]
     np.testing.assert_allclose(found.covariance, sum(a @ rate @ a.T for a in levers), atol=1e-15)
 
