@@ -14,6 +14,7 @@ from multicam.dataset.objects import Catalogue
 from multicam.dataset.runs import CameraResult, ObjectResult, Status, StepResult
 from multicam.geometry import se3
 from multicam.geometry.camera import Camera
+from multicam.matching.linear import total_std
 from multicam.registration import RegistrationConfig
 from multicam.scenegraph.advance import TrackedPose, advance
 from multicam.scenegraph.config import GraphConfig
@@ -152,9 +153,10 @@ def _object_results(solution: Solution, covariances: FloatArray, now: int) -> tu
     graph = solution.graph
     present = [stay for stay in map(graph.stay_of, (graph.headset, *graph.statics)) if stay is not None]
     results: list[ObjectResult] = []
-    for covariance, number in zip(covariances, solution.numbers, strict=True):
+    vague = total_std(covariances[:, 3:, 3:]) > graph.config.objects.max_position_std
+    for covariance, number, hidden in zip(covariances, solution.numbers, vague, strict=True):
         rest = graph.rests[number]
-        if rest.over or rest.sightings < graph.config.objects.min_sightings:
+        if rest.over or rest.sightings < graph.config.objects.min_sightings or hidden:
             continue
         cameras = tuple(
             sorted(stay.camera_id for stay in present if number in stay.edges and stay.edges[number].last_ns == now)

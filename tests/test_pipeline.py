@@ -265,3 +265,18 @@ def test_lens_distortion_is_taken_out_of_the_keypoints(rng):
     _, result = pipeline.step(graph, replace(frame_set, frames=frames), distorted, toy_catalogue(), CONFIG)
     found = result.camera(LEFT).world_from_camera
     assert error(found, walk.world_from_static[LEFT]) == pytest.approx((0, 0), abs=1e-5)
+
+
+def test_a_look_that_hardly_tells_where_an_object_is_starts_none(rng):
+    walk = make_walk(rng, num_steps=3, step_ns=SLOW)
+    graph = pipeline.start(HEADSET, (LEFT, RIGHT), CONFIG)
+    for step in walk.steps:
+        frame_set, estimates = seen(step, step.world.views(rng))
+        vague = [
+            tuple(replace(e, covariance=np.diag([0.01] * 5 + [0.3**2])) if e.obj_id == BRACKET else e for e in found)
+            for found in estimates
+        ]
+        graph, result = pipeline.step(graph, frame_set, vague, toy_catalogue(), CONFIG)
+    found = {o.obj_id for o in result.objects}
+    assert BRACKET not in found
+    assert len(found) == 4

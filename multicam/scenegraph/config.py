@@ -80,6 +80,8 @@ class ObjectConfig:
     """Places where objects no longer are, kept for what they say of the cameras that saw them there."""
     min_sightings: int = 2
     """Looks that must agree (of several cameras, or at several times) before an object counts as known."""
+    max_position_std: float = 0.2
+    """Metres; an object whose place is less certain than that (root mean square) is not known."""
     doubt_after: float = 1.0
     """Seconds after which an object that is not yet known is dropped, unless it is seen again: a false detection."""
 
