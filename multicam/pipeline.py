@@ -64,7 +64,7 @@ def step(
     now = frame_set.timestamp_ns
     frames = {frame.camera_id: frame for frame in frame_set.frames}
     views = [_view(frame, found) for frame, found in zip(frame_set.frames, estimates, strict=True)]
-    tracked = _tracked_pose(frames.get(graph.headset))
+    tracked = _tracked_pose(graph, frames.get(graph.headset))
     solution, reasons = advance(graph, views, tracked, catalogue, config.registration, now)
     if solution is None:
         cameras = tuple(_unplaced(name, frames.get(name), reasons) for name in (graph.headset, *graph.statics))
@@ -93,8 +93,11 @@ def _undistorted(estimate: ObjectEstimate, camera: Camera) -> ObjectEstimate:
     return replace(estimate, detection=replace(estimate.detection, keypoints=keypoints))
 
 
-def _tracked_pose(frame: Frame | None) -> TrackedPose | None:
+def _tracked_pose(graph: SceneGraph, frame: Frame | None) -> TrackedPose | None:
+    """What tracking says of the headset now; None also for an old packet, which says nothing of now."""
     if frame is None or frame.tracked_world_from_camera is None:
+        return None
+    if graph.tracking is not None and frame.timestamp_ns <= graph.tracking.timestamp_ns:
         return None
     return TrackedPose(frame.timestamp_ns, frame.tracked_world_from_camera)
 

@@ -180,6 +180,28 @@ def test_a_headset_that_lost_tracking_is_placed_by_the_objects_it_sees(rng):
     assert len(after.keyframes) == len(graph.keyframes)
 
 
+def test_an_old_packet_of_the_tracking_says_nothing_of_now(rng):
+    walk = make_walk(rng, num_steps=6, step_ns=SLOW)
+    graph = pipeline.start(HEADSET, (LEFT, RIGHT), CONFIG)
+    frame_set, estimates = seen(walk.steps[0], walk.steps[0].world.views(rng))
+    graph, _ = pipeline.step(graph, frame_set, estimates, toy_catalogue(), CONFIG)
+    step = walk.steps[1]
+    frame_set, estimates = seen(step, step.world.views(rng))
+    headset = replace(
+        frame_set.frames[0],
+        timestamp_ns=walk.steps[0].timestamp_ns,
+        tracked_world_from_camera=walk.steps[0].tracked_world_from_headset,
+    )
+    late = replace(frame_set, frames=(headset, *frame_set.frames[1:]))
+    after, result = pipeline.step(graph, late, estimates, toy_catalogue(), CONFIG)
+    found = result.camera(HEADSET)
+    assert (found.status, found.reason) == ("placed", "its tracking gave no pose")
+    assert error(found.world_from_camera, step.world.world_from_camera[HEADSET]) == pytest.approx((0, 0), abs=1e-6)
+    assert result.world_from_tracking is None
+    assert after.tracking is graph.tracking
+    assert after.keyframes[-1].since_ns == graph.keyframes[-1].since_ns
+
+
 def test_a_headset_without_tracking_and_company_is_not_placed(rng):
     step = make_walk(rng, num_steps=2, step_ns=SLOW).steps[0]
     frame_set, estimates = seen(step, step.world.views(rng), tracked=False)

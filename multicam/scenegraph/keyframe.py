@@ -21,13 +21,13 @@ def track(graph: SceneGraph, timestamp_ns: int, tracking_from_headset: FloatArra
     """Moves the headset to where its tracking says, from its last keyframe on; after a keyframe without tracking its
     pose is open.
 
+    Args:
+        timestamp_ns: later than that of the last tracked pose.
+
     Returns:
-        The graph, and why the headset measures nothing at this step: it moves too fast, or the pose is not newer than
-        the last (an old packet) and was not used. Empty if it does measure.
+        The graph, and why the headset measures nothing at this step (it moves too fast); empty if it does measure.
     """
     last = graph.tracking
-    if last is not None and timestamp_ns <= last.timestamp_ns:
-        return graph, "the headset's tracking gave an old pose"
     since, hurry = _CERTAIN, ""
     if last is not None:
         seconds = (timestamp_ns - last.timestamp_ns) * 1e-9

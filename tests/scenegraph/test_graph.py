@@ -194,14 +194,6 @@ def test_drift_gathers_while_the_headset_moves_and_lies_where_it_is():
     np.testing.assert_allclose(found.covariance, sum(a @ rate @ a.T for a in levers), atol=1e-15)
 
 
-def test_an_old_packet_of_the_tracking_is_not_used():
-    graph, reason = track(SceneGraph("head", ()), 5, np.eye(4))
-    assert reason == ""
-    again, reason = track(graph, 5, se3.exp(np.ones(6)))
-    assert reason == "the headset's tracking gave an old pose"
-    assert again.tracking is graph.tracking
-
-
 def test_haste_is_told_in_plain_words():
     config = KeyframeConfig()
     assert haste(se3.exp(np.array([0, 0, 0, 0.02, 0, 0])), 0.1, config) == ""
