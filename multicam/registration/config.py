@@ -15,7 +15,7 @@ from multicam.matching.noise import NoiseConfig
 class PlacementConfig:
     """When a camera is placed."""
 
-    min_probability: float = 0.98
+    min_probability: float = 0.95
     """Least probability that its pose is right, against chance and against the second best pose."""
     max_rotation_error_deg: float = 10.0
     """A camera whose attitude is off by more is of no use, degrees."""
