@@ -10,9 +10,9 @@ from multicam.errors import ConfigError, MulticamError, did_you_mean
 
 _VERBS = {
     "models": ("datagen.instruments.command", "write the nine instruments as a BOP models folder"),
-    "keypoints": ("datagen.keypoints_command", "add keypoints to a BOP models folder of your own"),
-    "render": ("datagen.render_command", "render a labelled data set of random scenes"),
-    "sequence": ("datagen.sequence_command", "render a recording with one moving and two static cameras"),
+    "keypoints": ("datagen.commands.keypoints", "add keypoints to a BOP models folder of your own"),
+    "render": ("datagen.commands.render", "render a labelled data set of random scenes"),
+    "sequence": ("datagen.commands.sequence", "render a recording with one moving and two static cameras"),
 }
 
 

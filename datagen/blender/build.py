@@ -10,8 +10,8 @@ import numpy as np
 from mathutils import Matrix
 
 from datagen.blender.materials import make_material
-from datagen.primitives import primitive
-from datagen.scene import Light, SceneSpec, Surroundings
+from datagen.scenes.primitives import primitive
+from datagen.scenes.spec import Light, SceneSpec, Surroundings
 from multicam.geometry.mesh import Mesh
 
 _SMOOTH_BELOW = np.deg2rad(35)
@@ -27,15 +27,18 @@ class Builder:
         bpy.ops.wm.read_factory_settings(use_empty=True)
         self._meshes = {obj_id: _make_mesh(f"object {obj_id}", mesh) for obj_id, mesh in meshes.items()}
         self._primitives: dict[str, Any] = {}
+        self._instances: list[Any] = []
         self._world = bpy.data.worlds.new("world")
         bpy.context.scene.world = self._world
 
     def build(self, scene: SceneSpec) -> None:
         """Replaces the scene; the pass index of object i is i + 1, and 0 means everything unlabelled."""
         _clear()
+        self._instances = []
         for index, item in enumerate(scene.objects):
             thing = _add(f"instance {index}", self._meshes[item.obj_id], item.world_from_object)
             thing.pass_index = index + 1
+            self._instances.append(thing)
             _dress(thing, make_material(f"instance {index}", item.surface))
         for index, solid in enumerate(scene.solids):
             pose = solid.world_from_solid @ np.diag([*solid.size, 1.0])
@@ -45,6 +48,11 @@ class Builder:
         for index, light in enumerate(scene.lights):
             _add(f"light {index}", _make_light(f"light {index}", light), light.world_from_light)
         _surround(self._world, scene.surroundings)
+
+    def arrange(self, scene: SceneSpec, shot: int) -> None:
+        """Puts every labelled object where it stands in a shot."""
+        for thing, item in zip(self._instances, scene.objects_in(shot), strict=True):
+            thing.matrix_world = Matrix(item.world_from_object)
 
     def _primitive(self, shape: str) -> Any:
         if shape not in self._primitives:

@@ -6,7 +6,7 @@ from typing import Any
 
 import bpy
 
-from datagen.scene import Surface
+from datagen.scenes.spec import Surface
 
 _PATTERNS = {
     "noise": ("ShaderNodeTexNoise", "Fac"),

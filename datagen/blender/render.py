@@ -11,7 +11,7 @@ from mathutils import Matrix
 from numpy.typing import NDArray
 
 from datagen.blender.axes import SENSOR_MM, lens_of, world_from_blender_camera
-from datagen.scene import Shot
+from datagen.scenes.spec import Shot
 
 _CHANNELS = ("Combined.R", "Combined.G", "Combined.B", "Depth.Z", "IndexOB.X")
 _BEYOND = 1e9

@@ -18,7 +18,7 @@ import numpy as np
 
 from datagen.blender.build import Builder
 from datagen.blender.render import Renderer
-from datagen.scene import scene_from_plain
+from datagen.scenes.spec import scene_from_plain
 from multicam.dataset.objects import load_catalogue
 
 
@@ -43,6 +43,7 @@ def serve() -> None:
                 _answer(answers, {})
                 continue
             assert scene is not None, "a shot needs a scene"
+            builder.arrange(scene, request["shot"])
             path = Path(folder) / f"{request['shot']:06d}.npz"
             color, depth, index = renderer.render(scene.shots[request["shot"]], request["seed"])
             np.savez(path, color=color, depth=depth, index=index)

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datagen.instruments.catalogue import INSTRUMENTS, Instrument, mesh
-from datagen.photo import develop
-from datagen.renderer import BlenderRenderer
-from datagen.scene import Light, PlacedInstance, SceneSpec, Shot, Solid, Surface, Surroundings
-from datagen.viewpoints import look_at
+from datagen.pictures.photo import develop
+from datagen.pictures.renderer import BlenderRenderer
+from datagen.scenes.spec import Light, PlacedInstance, SceneSpec, Shot, Solid, Surface, Surroundings
+from datagen.scenes.viewpoints import look_at
 from multicam.files import write_atomic
 from multicam.geometry import se3, so3
 from multicam.geometry.camera import Camera

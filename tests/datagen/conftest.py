@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from datagen.stock import Stock, load_stock
+from datagen.scenes.stock import Stock, load_stock
 from multicam.dataset.bop_writer import write_models
 from multicam.files import write_json
 from tests.toy_objects import PLATE, ROD, toy_catalogue, toy_meshes

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from datagen.annotate import annotate
-from datagen.renderer import Passes
-from datagen.scene import PlacedInstance, SceneSpec, Shot, Surface, Surroundings
+from datagen.pictures.annotate import annotate
+from datagen.pictures.renderer import Passes
+from datagen.scenes.spec import PlacedInstance, SceneSpec, Shot, Surface, Surroundings
 from multicam.dataset.bop_writer import InstanceLabels
 from multicam.dataset.objects import Catalogue, ObjectModel
 from multicam.errors import DataError

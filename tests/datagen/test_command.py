@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from datagen import renderer
 from datagen.cli import main
-from datagen.photo import develop
-from datagen.scene import Shot
+from datagen.pictures import renderer
+from datagen.pictures.photo import develop
+from datagen.scenes.spec import Shot
 from multicam.errors import ConfigError, MissingDependencyError
 from multicam.geometry.camera import Camera
 

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 from datagen.config import DatagenConfig, ObjectsConfig
-from datagen.generate import copy_models, generate
-from datagen.stock import Stock
+from datagen.pictures.generate import copy_models, generate
+from datagen.scenes.stock import Stock
 from multicam.config import load_config, save_config
 from multicam.dataset.bop_reader import ImageRecord, list_scenes, read_depth, read_image, read_scene
 from multicam.errors import DataError

@@ -11,10 +11,10 @@ import pytest
 from manifold3d import Manifold, Mesh64
 
 from datagen.config import CameraConfig, DatagenConfig, ObjectsConfig, RandomizationConfig
-from datagen.primitives import SHAPES, primitive
-from datagen.sample import sample_scene
-from datagen.scene import SceneSpec, scene_from_plain, scene_to_plain
-from datagen.stock import Stock, load_stock
+from datagen.scenes.primitives import SHAPES, primitive
+from datagen.scenes.sample import sample_scene
+from datagen.scenes.spec import SceneSpec, scene_from_plain, scene_to_plain
+from datagen.scenes.stock import Stock, load_stock
 from multicam.errors import ConfigError, DataError
 from multicam.files import write_json
 from multicam.geometry import se3

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from datagen.config import DriftConfig, SequenceConfig
-from datagen.record import Sight, record, verify_sight
-from datagen.stage import CAMERAS, HEADSET, LEFT, RIGHT, sample_stage
-from datagen.stock import Stock
-from datagen.trajectories import exposure_times, sample_headset, tracked_poses
+from datagen.recordings.config import DriftConfig, SequenceConfig
+from datagen.recordings.record import Sight, record, verify_sight
+from datagen.recordings.stage import CAMERAS, HEADSET, LEFT, RIGHT, sample_stage
+from datagen.recordings.trajectories import exposure_times, sample_headset, tracked_poses
+from datagen.scenes.stock import Stock
 from multicam.dataset.sequence import group_by_time, load_recording
 from multicam.errors import DataError
 from multicam.geometry import se3, so3

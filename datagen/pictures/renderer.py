@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from datagen.scene import SceneSpec, scene_to_plain
+from datagen.scenes.spec import SceneSpec, scene_to_plain
 from multicam.errors import MissingDependencyError, MulticamError
 
 _APT = "apt-get install libxrender1 libxi6 libxkbcommon0 libxfixes3 libsm6 libgl1"
@@ -55,7 +55,7 @@ class BlenderRenderer:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._log,
-            cwd=Path(__file__).parent.parent,
+            cwd=Path(__file__).parents[2],
             text=True,
         )
         self._ask({"models": str(self._models.resolve()), "samples": self._samples})

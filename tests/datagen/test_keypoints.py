@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from datagen.keypoints_command import KeypointsConfig, write_keypoints
+from datagen.commands.keypoints import KeypointsConfig, write_keypoints
 from multicam.dataset.bop_writer import write_models
 from multicam.dataset.objects import load_catalogue
 from multicam.errors import DataError

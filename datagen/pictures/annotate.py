@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from datagen.renderer import Passes
-from datagen.scene import SceneSpec
+from datagen.pictures.renderer import Passes
+from datagen.scenes.spec import SceneSpec
 from multicam.dataset.bop_writer import InstanceLabels
 from multicam.dataset.objects import Catalogue
 from multicam.errors import DataError
@@ -42,7 +42,7 @@ def annotate(
     camera = scene.shots[shot].camera
     camera_from_world = se3.inverse(scene.shots[shot].world_from_camera)
     labels: list[InstanceLabels] = []
-    for index, item in enumerate(scene.objects):
+    for index, item in enumerate(scene.objects_in(shot)):
         pose = camera_from_world @ item.world_from_object
         silhouette = _silhouette(meshes[item.obj_id], camera, pose)
         visible = passes.index == index + 1

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from datagen.config import SequenceConfig
-from datagen.layout import Table, place
-from datagen.looks import nominal_surface, plain_lamps, plain_room, plain_surroundings
-from datagen.sample import sample_distractor
-from datagen.scene import PlacedInstance, SceneSpec, Shot
-from datagen.stock import Group, Stock
-from datagen.trajectories import exposure_times, place_static_camera, sample_headset, tracked_poses
+from datagen.recordings.config import SequenceConfig
+from datagen.recordings.trajectories import exposure_times, place_static_camera, sample_headset, tracked_poses
+from datagen.scenes.layout import Table, place
+from datagen.scenes.looks import nominal_surface, plain_lamps, plain_room, plain_surroundings
+from datagen.scenes.sample import sample_distractor
+from datagen.scenes.spec import PlacedInstance, SceneSpec, Shot
+from datagen.scenes.stock import Group, Stock
 from multicam.dataset.sequence import CameraEntry, FrameEntry
 from multicam.errors import DataError
 from multicam.geometry import se3

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from datagen.config import DriftConfig, SequenceConfig
-from datagen.viewpoints import look_at
+from datagen.recordings.config import DriftConfig, SequenceConfig
+from datagen.scenes.viewpoints import look_at
 from multicam.errors import DataError
 from multicam.geometry import se3
 from multicam.geometry.camera import Camera

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from datagen.config import DatagenConfig
-from datagen.layout import Table, block_of, place
-from datagen.looks import (
+from datagen.scenes.layout import Table, block_of, place
+from datagen.scenes.looks import (
     backdrop_surface,
     nominal_surface,
     object_surface,
@@ -17,10 +17,10 @@ from datagen.looks import (
     random_room,
     random_surroundings,
 )
-from datagen.primitives import SHAPES, primitive
-from datagen.scene import PlacedInstance, SceneSpec, Shot, Solid
-from datagen.stock import Stock
-from datagen.viewpoints import sample_camera, sample_viewpoint
+from datagen.scenes.primitives import SHAPES, primitive
+from datagen.scenes.spec import PlacedInstance, SceneSpec, Shot, Solid
+from datagen.scenes.stock import Stock
+from datagen.scenes.viewpoints import sample_camera, sample_viewpoint
 from multicam.geometry import se3
 from multicam.geometry.mesh import Mesh
 from multicam.types import FloatArray

@@ -3,25 +3,21 @@
 from __future__ import annotations
 
 import logging
-import shutil
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 
-from datagen.annotate import annotate
-from datagen.config import DatagenConfig, SequenceConfig
-from datagen.photo import develop
-from datagen.renderer import BlenderRenderer, Passes
-from datagen.sample import sample_scene
-from datagen.scene import SceneSpec
-from datagen.stock import Stock, load_stock
-from multicam.config import load_config, save_config, to_mapping
+from datagen.config import DatagenConfig
+from datagen.pictures.annotate import annotate
+from datagen.pictures.output import claim, copy_models
+from datagen.pictures.photo import develop
+from datagen.pictures.renderer import BlenderRenderer, Passes
+from datagen.scenes.sample import sample_scene
+from datagen.scenes.spec import SceneSpec
+from datagen.scenes.stock import Stock, load_stock
 from multicam.dataset.bop_writer import LabelledImage, SceneWriter
-from multicam.errors import DataError
-from multicam.files import write_bytes
 from multicam.geometry import se3
 from multicam.progress import Progress, SilentProgress
 
@@ -75,45 +71,6 @@ def label(scene: SceneSpec, shot: int, passes: Passes, stock: Stock) -> Labelled
 
 _DEPTH_LIMIT = 6.5
 """Metres; a 16-bit depth image in tenths of a millimetre ends here."""
-
-
-Config = TypeVar("Config", DatagenConfig, SequenceConfig)
-
-
-def claim(path: Path, config: Config, free: Sequence[str]) -> None:
-    """Saves the configuration beside its output, or makes sure that the one already there is the same.
-
-    Args:
-        free: fields that may have changed since.
-
-    Raises:
-        DataError: the folder belongs to another configuration.
-    """
-    if path.is_file():
-        old, new = to_mapping(load_config(type(config), path)), to_mapping(config)
-        changed = ", ".join(key for key in new if new[key] != old[key] and key not in free)
-        if changed:
-            raise DataError(
-                f"{path.parent} holds pictures of another configuration (different: {changed}); give another "
-                "output, or delete the folder."
-            )
-    save_config(config, path)
-
-
-def copy_models(source: Path, target: Path) -> None:
-    """Copies a BOP models folder unless it is there already; models_info.json comes last and completes it.
-
-    Raises:
-        DataError: other models are there.
-    """
-    info = (source / "models_info.json").read_bytes()
-    there = target / "models_info.json"
-    if there.is_file():
-        if there.read_bytes() != info:
-            raise DataError(f"{target} holds other models than {source}; give another output folder.")
-        return
-    shutil.copytree(source, target, dirs_exist_ok=True, ignore=lambda *_: ["models_info.json"])
-    write_bytes(there, info)
 
 
 def _missing(config: DatagenConfig, split: Path, index: int) -> list[int]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from datagen.config import SequenceConfig
+from datagen.recordings.config import SequenceConfig
 from multicam.config import parse_command
 from multicam.progress import RichProgress
 
@@ -15,6 +15,6 @@ def main(argv: list[str]) -> None:
         prog="multicam datagen sequence",
         description="Renders a recording of a moving headset and two static cameras; run again to continue.",
     )
-    from datagen.record import record
+    from datagen.recordings.record import record
 
     record(config, RichProgress())

@@ -15,6 +15,6 @@ def main(argv: list[str]) -> None:
         prog="multicam datagen render",
         description="Renders labelled pictures of known objects into a BOP data set; run again to continue.",
     )
-    from datagen.generate import generate
+    from datagen.pictures.generate import generate
 
     generate(config, RichProgress())

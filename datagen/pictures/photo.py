@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from datagen.scene import Shot
+from datagen.scenes.spec import Shot
 from multicam.types import ImageArray
 
 _MIDDLE = 0.21

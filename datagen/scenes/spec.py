@@ -1,8 +1,8 @@
-"""What a scene holds, as plain data: no Blender here. `sample.py` makes it, `blender/build.py` shows it."""
+"""What a scene holds, as plain data: no Blender here. `sample.py` makes it, `datagen/blender/build.py` shows it."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import cattrs
@@ -26,6 +26,8 @@ class Surface:
         metallic, roughness: 0..1, of a Principled BSDF.
         roughness_spread: how far fine noise moves the roughness, up and down.
         bump: strength in 0..1 with which the pattern bends the shading.
+        original: the mesh's own colours or texture, where it has some, instead of `color`.
+        picture: image file laid over the thing instead of `color`, once from end to end of its box, or None.
     """
 
     color: Color
@@ -36,6 +38,8 @@ class Surface:
     roughness: float = 0.5
     roughness_spread: float = 0.0
     bump: float = 0.0
+    original: bool = False
+    picture: str | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,10 +93,19 @@ class Surroundings:
 
 
 @dataclass(frozen=True, eq=False)
+class Moved:
+    """A labelled object that stands elsewhere in one shot; `index` is its place in `SceneSpec.objects`."""
+
+    index: int
+    world_from_object: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
 class Shot:
     """One picture to take.
 
     Attributes:
+        moved: objects that are not where the scene has them.
         exposure: stops above (+) or below (-) a well exposed picture.
         noise: standard deviation of the sensor noise at full scale, in 0..1 of the output range.
     """
@@ -101,6 +114,7 @@ class Shot:
     world_from_camera: NDArray[np.float64]
     exposure: float = 0.0
     noise: float = 0.0
+    moved: tuple[Moved, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,6 +133,13 @@ class SceneSpec:
     lights: tuple[Light, ...]
     surroundings: Surroundings
     shots: tuple[Shot, ...] = field(default=())
+
+    def objects_in(self, shot: int) -> tuple[PlacedInstance, ...]:
+        """The labelled objects where they stand in a shot."""
+        placed = list(self.objects)
+        for moved in self.shots[shot].moved:
+            placed[moved.index] = replace(placed[moved.index], world_from_object=moved.world_from_object)
+        return tuple(placed)
 
 
 def scene_to_plain(scene: SceneSpec) -> dict[str, Any]:

@@ -8,11 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
-from datagen.config import SequenceConfig
-from datagen.generate import claim, copy_models, label
-from datagen.renderer import BlenderRenderer
-from datagen.stage import HEADSET, LEFT, RIGHT, Stage, sample_stage
-from datagen.stock import Stock, load_stock
+from datagen.pictures.generate import label
+from datagen.pictures.output import claim, copy_models
+from datagen.pictures.renderer import BlenderRenderer
+from datagen.recordings.config import SequenceConfig
+from datagen.recordings.stage import HEADSET, LEFT, RIGHT, Stage, sample_stage
+from datagen.scenes.stock import Stock, load_stock
 from multicam.dataset.bop_reader import read_scene
 from multicam.dataset.bop_writer import SceneWriter
 from multicam.dataset.sequence import CameraEntry, write_sequence

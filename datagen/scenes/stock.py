@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from datagen.layout import Body, body_of
-from datagen.scene import Color
+from datagen.scenes.layout import Body, body_of
+from datagen.scenes.spec import Color
 from multicam.dataset.objects import MILLIMETRE, Catalogue, load_catalogue
 from multicam.errors import DataError
 from multicam.files import read_json

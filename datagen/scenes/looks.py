@@ -8,7 +8,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from datagen.scene import Color, Light, Solid, Surface, Surroundings
+from datagen.scenes.spec import Color, Light, Solid, Surface, Surroundings
 from multicam.geometry import se3
 
 HDRIS = ("city", "courtyard", "forest", "interior", "night", "studio", "sunrise", "sunset")

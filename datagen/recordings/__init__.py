@@ -1,0 +1,1 @@
+"""Recordings of several cameras over time, with their errors."""
