@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from datagen.config import DatagenConfig
 from multicam.config import parse_command
 from multicam.progress import RichProgress
@@ -15,6 +17,10 @@ def main(argv: list[str]) -> None:
         prog="multicam datagen render",
         description="Renders labelled pictures of known objects into a BOP data set; run again to continue.",
     )
-    from datagen.pictures.generate import generate
+    from datagen.commands.import_parts import import_folder
+    from datagen.commands.inspect import write_inspection
+    from datagen.jobs.generate import generate
 
-    generate(config, RichProgress())
+    progress = RichProgress()
+    generate(replace(config, models=import_folder(config.models, config.output, progress)), progress)
+    write_inspection(config.output, progress)

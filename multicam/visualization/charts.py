@@ -20,7 +20,7 @@ LINE_COLORS = ("#3b6fd4", "#c2410c", "#2f9e57", "#7c3aed", "#0f766e", "#be185d")
 def error_chart(run: RunResult, errors: RunErrors) -> bytes:
     """Distance (mm) and angle (deg) of each static camera in the headset's frame over time; gaps where unplaced."""
     seconds = _seconds(run)
-    figure, axes = _figure(2, (11, 2.6))
+    figure, axes = new_figure(2, (11, 2.6))
     for index, (name, series) in enumerate(errors.cameras.items()):
         for panel, attribute in zip(axes, ("centre_mm", "rotation_deg"), strict=True):
             values = [np.nan if error is None else getattr(error, attribute) for error in series]
@@ -31,7 +31,7 @@ def error_chart(run: RunResult, errors: RunErrors) -> bytes:
         panel.set_xlabel("s", fontsize=8.5)
         panel.set_ylim(bottom=0)
     axes[0].legend(fontsize=8, frameon=False)
-    return _svg(figure)
+    return to_svg(figure)
 
 
 def drift_chart(run: RunResult, errors: RunErrors | None) -> bytes:
@@ -48,7 +48,7 @@ def drift_chart(run: RunResult, errors: RunErrors | None) -> bytes:
         ):
             values = [(np.nan, np.nan) if e is None else (e.centre_mm, e.rotation_deg) for e in series]
             lines[name] = np.array(values), color, "--" if color == "#1d2430" else "-"
-    figure, axes = _figure(2, (11, 2.6))
+    figure, axes = new_figure(2, (11, 2.6))
     for name, (values, color, style) in lines.items():
         for column, panel in enumerate(axes):
             panel.plot(seconds, values[:, column], style, linewidth=1.5, color=color, label=name)
@@ -57,7 +57,7 @@ def drift_chart(run: RunResult, errors: RunErrors | None) -> bytes:
         panel.set_xlabel("s", fontsize=8.5)
         panel.set_ylim(bottom=0)
     axes[0].legend(fontsize=8, frameon=False)
-    return _svg(figure)
+    return to_svg(figure)
 
 
 def _estimated_drift(run: RunResult) -> FloatArray:
@@ -75,7 +75,7 @@ def _estimated_drift(run: RunResult) -> FloatArray:
 
 def time_chart(run: RunResult) -> bytes:
     """Stacked milliseconds of each step by stage."""
-    figure, (axes,) = _figure(1, (5.4, 2.6))
+    figure, (axes,) = new_figure(1, (5.4, 2.6))
     index = np.arange(len(run.steps))
     below = np.zeros(len(run.steps))
     for stage, color in STAGE_COLORS.items():
@@ -86,14 +86,15 @@ def time_chart(run: RunResult) -> bytes:
     axes.set_ylabel("ms", fontsize=8.5)
     axes.set_ylim(0, 1.35 * max(float(below.max()), 1.0))
     axes.legend(fontsize=8, frameon=False, ncols=4, loc="upper center")
-    return _svg(figure)
+    return to_svg(figure)
 
 
 def _seconds(run: RunResult) -> list[float]:
     return [(step.timestamp_ns - run.steps[0].timestamp_ns) * 1e-9 for step in run.steps]
 
 
-def _figure(columns: int, size: tuple[float, float]) -> tuple[Any, Any]:
+def new_figure(columns: int, size: tuple[float, float]) -> tuple[Any, Any]:
+    """A figure of the house's style, `size` in inches, and its panels side by side."""
     from matplotlib.figure import Figure
 
     figure: Any = Figure(figsize=size, layout="constrained")
@@ -107,7 +108,8 @@ def _figure(columns: int, size: tuple[float, float]) -> tuple[Any, Any]:
     return figure, axes
 
 
-def _svg(figure: Any) -> bytes:
+def to_svg(figure: Any) -> bytes:
+    """The figure as SVG; the same figure gives the same bytes."""
     import matplotlib as mpl
 
     out = io.BytesIO()

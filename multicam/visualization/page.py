@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import re
 from collections import Counter
 from pathlib import Path
@@ -23,7 +22,7 @@ from multicam.files import write_bytes, write_text
 from multicam.progress import Progress
 from multicam.visualization.charts import drift_chart, error_chart, time_chart
 from multicam.visualization.overlay import color_of
-from multicam.visualization.pictures import encode_jpeg, overlay_path
+from multicam.visualization.pictures import data_uri, encode_jpeg, overlay_path
 from multicam.visualization.topview import STATUS_COLORS, TopView, TrueWorld
 
 SHOWN_STEPS = 24
@@ -95,9 +94,9 @@ def write_page(
         reasons=_reasons(run),
         status_colors=STATUS_COLORS,
         meanings=MEANINGS,
-        error_chart=_data_uri(error_chart(run, errors), "svg+xml") if errors else None,
-        drift_chart=_data_uri(drift_chart(run, errors), "svg+xml"),
-        time_chart=_data_uri(time_chart(run), "svg+xml"),
+        error_chart=data_uri(error_chart(run, errors), "svg+xml") if errors else None,
+        drift_chart=data_uri(drift_chart(run, errors), "svg+xml"),
+        time_chart=data_uri(time_chart(run), "svg+xml"),
         **{name: None if table is None else table.to_html() for name, table in tables.items()},
     )
     write_bytes(folder / "top_view.png", top_view.draw(run.steps[-1]))
@@ -117,7 +116,9 @@ def true_world(run: RunResult, recording: Recording) -> TrueWorld:
         raise DataError(f"the headset {run.headset} has no pose at any step.")
     headsets = (step.camera(run.headset) for step in run.steps)
     trues = [truth.camera(h.camera_id, h.timestamp_ns) for h in headsets if h.timestamp_ns is not None]
-    return TrueWorld(change @ np.stack(trues), {name: change @ truth.static(name) for name in run.statics})
+    # A camera that was bumped is shown where it ends up.
+    statics = {name: change @ truth.static(name, run.steps[-1].timestamp_ns) for name in run.statics}
+    return TrueWorld(change @ np.stack(trues), statics)
 
 
 def _shown_step(folder: Path, run: RunResult, number: int, top_view: TopView) -> dict[str, Any]:
@@ -126,7 +127,7 @@ def _shown_step(folder: Path, run: RunResult, number: int, top_view: TopView) ->
     return {
         "label": f"step {number + 1} of {len(run.steps)}, {seconds:.1f} s",
         "views": {camera.camera_id: _shown_view(folder, run, step, number, camera) for camera in step.cameras},
-        "top": _data_uri(top_view.draw(step), "png"),
+        "top": data_uri(top_view.draw(step), "png"),
     }
 
 
@@ -136,7 +137,7 @@ def _shown_view(folder: Path, run: RunResult, step: StepResult, number: int, cam
         picture = read_image(overlay_path(folder, camera.camera_id, number))
         scale = min(1.0, SHOWN_WIDTH / picture.shape[1])
         small = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-        image = _data_uri(encode_jpeg(small.astype(np.uint8, copy=False)), "jpeg")
+        image = data_uri(encode_jpeg(small.astype(np.uint8, copy=False)), "jpeg")
     return {"image": image, "status": camera.status, "detail": _detail(run, step, camera)}
 
 
@@ -180,7 +181,3 @@ def _reasons(run: RunResult) -> list[tuple[str, int]]:
 
 def _hex(obj_id: int) -> str:
     return "#" + "".join(f"{channel:02x}" for channel in color_of(obj_id))
-
-
-def _data_uri(data: bytes, kind: str) -> str:
-    return f"data:image/{kind};base64,{base64.b64encode(data).decode()}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import functools
 import shutil
 from collections.abc import Callable, Sequence
@@ -64,6 +65,11 @@ def encode_jpeg(image: ImageArray) -> bytes:
     if not done:
         raise OSError("OpenCV could not encode a JPEG")
     return data.tobytes()
+
+
+def data_uri(data: bytes, kind: str) -> str:
+    """Image data to stand inside a page; `kind` is jpeg, png or svg+xml."""
+    return f"data:image/{kind};base64,{base64.b64encode(data).decode()}"
 
 
 def _outlines(
