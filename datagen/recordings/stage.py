@@ -1,4 +1,4 @@
-"""The scene of a recording: two clusters on one table, a headset that wanders, a static camera before each cluster."""
+"""A recording before it is rendered: a table with objects, a headset that wanders, two static cameras, events."""
 
 from __future__ import annotations
 
@@ -7,25 +7,24 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from datagen.recordings.board import PlacedBoard, place_board, solid_cloud
+from datagen.recordings.clusters import Cluster, sample_clusters, sample_distractors
 from datagen.recordings.config import SequenceConfig
-from datagen.recordings.trajectories import exposure_times, place_static_camera, sample_headset, tracked_poses
-from datagen.scenes.layout import Table, place
-from datagen.scenes.looks import nominal_surface, plain_lamps, plain_room, plain_surroundings
-from datagen.scenes.sample import sample_distractor
-from datagen.scenes.spec import PlacedInstance, SceneSpec, Shot
-from datagen.scenes.stock import Group, Stock
-from multicam.dataset.sequence import CameraEntry, FrameEntry
-from multicam.errors import DataError
+from datagen.recordings.film import SetUp, film
+from datagen.recordings.motions import CLEARANCE, Motion, sample_carry, sample_move
+from datagen.recordings.statics import Unsuitable, in_image
+from datagen.scenes.layout import Table
+from datagen.scenes.looks import nominal_surface, plain_lamps, plain_surroundings
+from datagen.scenes.places import plain_room
+from datagen.scenes.spec import PlacedInstance, SceneSpec
+from datagen.scenes.stock import Stock
+from multicam.dataset.sequence import CameraEntry
+from multicam.dataset.sequence_facts import SequenceTruth
 from multicam.geometry import se3
-from multicam.geometry.camera import Camera
-from multicam.types import FloatArray
 
-HEADSET, LEFT, RIGHT = "headset", "left", "right"
-CAMERAS = (HEADSET, LEFT, RIGHT)
-_CLUSTER_RADIUS = 0.15
-_LARGEST_GROUP = 5
-"""Parts of a mounted group that leaves enough classes for the other cluster."""
-_NOISE = 0.006
+BOARD_PICTURE = "board.png"
+_SMALL = 0.13
+"""Greatest radius of an object that is carried about, metres."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,122 +32,138 @@ class Stage:
     """A recording before it is rendered.
 
     Attributes:
-        scene: its shots are those of the first camera of `cameras`, then those of the second, and so on.
-        cameras: times and tracking as they will be written; the scene id is the place in this tuple.
+        scene: its shots are those of the first camera of `cameras`, step by step, lost frames included, then those of
+            the second, and so on.
+        cameras: times and tracking as they will be written; the scene id is the place in this tuple, an image's
+            number its step.
+        rendered_as: per shot the first shot whose picture is the same but for the noise of the sensor.
+        motions: of the objects that do not stay where they are.
+        board: the ChArUco board, or None.
     """
 
+    config: SequenceConfig
     scene: SceneSpec
     cameras: tuple[CameraEntry, ...]
+    rendered_as: tuple[int, ...]
+    motions: tuple[Motion, ...]
+    board: PlacedBoard | None
+    truth: SequenceTruth
+
+    def shot_of(self, camera: CameraEntry, step: int) -> int:
+        """Place of a camera's picture among the shots."""
+        return camera.scene_id * self.config.steps + step
 
 
-def sample_stage(config: SequenceConfig, stock: Stock) -> Stage:
-    """The recording of a configuration; same arguments, same recording.
+def draw_stage(config: SequenceConfig, stock: Stock, attempt: int) -> Stage:
+    """One draw of a configuration's recording; same arguments, same draw.
 
     Raises:
-        DataError: too few classes for two clusters, or no place for a static camera.
+        DataError: too few classes, or no group where one is asked for.
+        Unsuitable: something has no room or no camera a place; another attempt may go better.
     """
-    streams = np.random.SeedSequence(config.seed).spawn(4)
-    lay, look, cameras, motion = (np.random.default_rng(s) for s in streams)
+    streams = np.random.SeedSequence((config.seed, attempt)).spawn(7)
+    lay, look, stand, walk, move, clock, drift = (np.random.default_rng(s) for s in streams)
     table = Table()
-    centres = np.array([[-config.spacing / 2, 0.0], [config.spacing / 2, 0.0]])
-    clusters = _sample_clusters(config, stock, table, centres, lay)
+    board = _sample_board(config, table, lay) if config.board else None
+    clusters = sample_clusters(config, stock, table, lay)
+    distractors, table = sample_distractors(config.distractors, clusters, table, lay)
+    still = [cloud for cluster in clusters for cloud in cluster.clouds(stock)] + [solid_cloud(s) for s in distractors]
+    motions = _sample_motions(config, stock, clusters, max(float(c[:, 2].max()) for c in still), table, move)
+    things = [(obj_id, pose) for cluster in clusters for obj_id, pose in cluster.objects]
+    for motion in motions:
+        things[motion.index] = (things[motion.index][0], motion.at(0.0))
     objects = tuple(
-        PlacedInstance(obj_id, pose, nominal_surface(stock.colors[obj_id]))
-        for cluster in clusters
-        for obj_id, pose in cluster
+        PlacedInstance(obj_id, pose, nominal_surface(stock.colors[obj_id], obj_id in stock.painted))
+        for obj_id, pose in things
     )
-    solids = plain_room(look)
-    solids += tuple(sample_distractor(table, centre, 0.35, look) for centre in centres for _ in range(2))
-    entries, shots = _film(config, stock, clusters, cameras, motion)
+    set_up = SetUp(config, stock, clusters, objects, motions, still, board)
+    cameras, shots, truth = film(set_up, stand, walk, clock, drift)
     scene = SceneSpec(
         name=f"recording with seed {config.seed}",
         seed=int(look.integers(2**31)),
         objects=objects,
-        solids=solids,
+        solids=plain_room(look) + distractors + (board.solids if board else ()),
         lights=plain_lamps(),
         surroundings=plain_surroundings(look),
         shots=shots,
     )
-    return Stage(scene, entries)
+    return Stage(config, scene, cameras, _same_pictures(scene, motions, stock, config), motions, board, truth)
 
 
-Placed = list[tuple[int, FloatArray]]
-"""(obj_id, world_from_object) of the objects of a cluster."""
+def _sample_board(config: SequenceConfig, table: Table, rng: np.random.Generator) -> PlacedBoard:
+    """Standing behind the clusters or between them, or, behind a single cluster, lying."""
+    picture = config.output / BOARD_PICTURE
+    turn = float(rng.normal(0, np.deg2rad(6)))
+    lean = float(rng.uniform(15, 35))
+    if config.layout == "apart":
+        return place_board(picture, rng.uniform((-0.05, 0.15), (0.05, 0.4)), lean, turn, table, rng)
+    if rng.uniform() < 0.5:
+        return place_board(picture, rng.uniform((-0.1, 0.16), (0.1, 0.3)), lean, turn, table, rng)
+    azimuth, away = rng.uniform(np.deg2rad(30), np.deg2rad(150)), config.radius + rng.uniform(0.12, 0.2)
+    centre = away * np.array([np.cos(azimuth), np.sin(azimuth)])
+    return place_board(picture, centre, None, turn, table, rng)
 
 
-def _sample_clusters(
-    config: SequenceConfig, stock: Stock, table: Table, centres: FloatArray, rng: np.random.Generator
-) -> tuple[Placed, Placed]:
-    """Left and right cluster; no class is in both, so a class names the cluster."""
-    if len(stock.catalogue.obj_ids) < 2:
-        raise DataError("A recording needs at least two object classes, one for each of its clusters.")
-    left: Placed = []
-    mounted: set[int] = set()
-    if config.assembled:
-        group = _draw_group(stock, rng)
-        pose = place(table, group.body, centres[0], 0.02, rng)
-        left += [(obj_id, pose @ group_from_object) for obj_id, group_from_object in group.parts]
-        mounted = {obj_id for obj_id, _ in group.parts}
-    rest = [int(i) for i in rng.permutation([i for i in stock.catalogue.obj_ids if i not in mounted])]
-    half = max(0, (len(rest) + len(left)) // 2 - len(left))
-    sides = rest[:half], rest[half:]
-    loose: tuple[Placed, Placed] = ([], [])
-    for classes, centre, cluster in zip(sides, centres, loose, strict=True):
-        for obj_id in sorted(classes, key=lambda i: -stock.bodies[i].radius):
-            cluster.append((obj_id, place(table, stock.bodies[obj_id], centre, _CLUSTER_RADIUS, rng)))
-    return left + loose[0], loose[1]
-
-
-def _draw_group(stock: Stock, rng: np.random.Generator) -> Group:
-    small = [group for group in stock.groups if len(group.parts) <= _LARGEST_GROUP]
-    if not small:
-        raise DataError(
-            f"assembled is true, but the models folder has no group of at most {_LARGEST_GROUP} parts in its "
-            "assemblies.json; set assembled to false."
-        )
-    return small[rng.integers(len(small))]
-
-
-def _film(
+def _sample_motions(
     config: SequenceConfig,
     stock: Stock,
-    clusters: tuple[Placed, Placed],
+    clusters: tuple[Cluster, ...],
+    top: float,
+    table: Table,
     rng: np.random.Generator,
-    motion: np.random.Generator,
-) -> tuple[tuple[CameraEntry, ...], tuple[Shot, ...]]:
-    """Where each camera is at each of its times."""
-    left, right = ([_cloud(stock, obj_id, pose) for obj_id, pose in cluster] for cluster in clusters)
-    obstacles = np.concatenate(left + right)
-    path = sample_headset(config, motion)
-    entries: list[CameraEntry] = []
-    shots: list[Shot] = []
-    for scene_id, name in enumerate(CAMERAS):
-        camera = _sample_lens(config, rng)
-        times = exposure_times(config, motion)
-        tracked: list[FloatArray | None] = [None] * config.steps
-        if name == HEADSET:
-            poses = np.stack([path.world_from_camera(float(t)) for t in times])
-            tracked = list(tracked_poses(poses, times, config.drift, motion))
-        else:
-            own, other = (left, right) if name == LEFT else (right, left)
-            pose = place_static_camera(config, camera, own, other, obstacles, rng)
-            poses = np.broadcast_to(pose, (config.steps, 4, 4))
-        frames = tuple(
-            FrameEntry(step, round(float(t) * 1e9), belief)
-            for step, (t, belief) in enumerate(zip(times, tracked, strict=True))
-        )
-        entries.append(CameraEntry(name, scene_id, name == HEADSET, frames))
-        shots += [Shot(camera, pose, 0.0, _NOISE) for pose in poses]
-    return tuple(entries), tuple(shots)
+) -> tuple[Motion, ...]:
+    """The object that is carried and the one that is put elsewhere, where configured; not the same one."""
+    loose = [(side, i) for side, cluster in enumerate(clusters) for i in cluster.loose]
+    firsts = np.cumsum([0] + [len(cluster.objects) for cluster in clusters])
+    carried = moved = None
+    if config.carry.reach_mm > 0:
+        small = [(s, i) for s, i in loose if stock.bodies[clusters[s].objects[i][0]].radius < _SMALL]
+        if not small:
+            raise Unsuitable(f"No single object is smaller than {_SMALL:g} m in radius, so none can be carried.")
+        carried = small[rng.integers(len(small))]
+        loose.remove(carried)
+    if config.move.at_s is not None:
+        if not loose:
+            raise Unsuitable("There is no single object left that could be moved.")
+        moved = loose[rng.integers(len(loose))]
+    motions: list[Motion] = []
+    if moved is not None:
+        side, local = moved
+        obj_id, pose = clusters[side].objects[local]
+        body = stock.bodies[obj_id]
+        motions.append(sample_move(config.move, int(firsts[side]) + local, body, pose, top, table, rng))
+        # What is carried has to pass above what is lifted.
+        if carried is not None and carried[0] == side:
+            top += float(se3.act(pose, body.points)[:, 2].max()) + CLEARANCE
+    if carried is not None:
+        side, local = carried
+        body, centre = stock.bodies[clusters[side].objects[local][0]], clusters[side].centre
+        motions.append(sample_carry(config.carry, int(firsts[side]) + local, body, centre, top, config.duration, rng))
+    return tuple(motions)
 
 
-def _sample_lens(config: SequenceConfig, rng: np.random.Generator) -> Camera:
-    """The configured focal length, a few percent off, and a principal point within 1 % of the middle."""
-    focal = config.focal * config.width * rng.uniform(0.97, 1.03)
-    middle = np.array([config.width - 1, config.height - 1]) / 2
-    cx, cy = middle + rng.uniform(-0.01, 0.01, size=2) * (config.width, config.height)
-    return Camera(np.array([[focal, 0, cx], [0, focal, cy], [0, 0, 1]]), config.width, config.height)
+def _same_pictures(
+    scene: SceneSpec, motions: tuple[Motion, ...], stock: Stock, config: SequenceConfig
+) -> tuple[int, ...]:
+    """Shots of one camera in a row are alike if neither it nor anything in its picture has moved between them.
 
+    What moves out of the picture may still change a shadow or a reflection in it by a trace; that is left out.
+    """
+    margin = 0.02 * config.width
 
-def _cloud(stock: Stock, obj_id: int, world_from_object: FloatArray) -> NDArray[np.float64]:
-    return se3.act(world_from_object, stock.bodies[obj_id].points)
+    def in_sight(shot: int) -> list[NDArray[np.float64]]:
+        taken, placed = scene.shots[shot], scene.objects_in(shot)
+        things = [placed[m.index] for m in motions]
+        clouds = [se3.act(item.world_from_object, stock.bodies[item.obj_id].points) for item in things]
+        seen = [in_image(taken.camera, taken.world_from_camera, cloud, margin).any() for cloud in clouds]
+        poses = [item.world_from_object * known for item, known in zip(things, seen, strict=True)]
+        return [taken.world_from_camera, *poses]
+
+    same: list[int] = []
+    before: list[NDArray[np.float64]] = []
+    for shot in range(len(scene.shots)):
+        now = in_sight(shot)
+        begins = shot % config.steps == 0 or not all(map(np.array_equal, before, now))
+        same.append(shot if begins else same[-1])
+        before = now
+    return tuple(same)

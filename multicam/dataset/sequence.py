@@ -2,12 +2,23 @@
 
     RECORDING/
       models/                    BOP models folder
-      sequence.json              cameras, time stamps, tracked poses
+      sequence.json              cameras, time stamps, tracked poses, events
       test/000000/ 000001/ ...   one BOP scene per camera, all in one world
 
-sequence.json: {"format": "multicam-sequence", "version": 1, "cameras": [{"camera_id", "scene_id", "moving": bool,
-"frames": [{"im_id", "timestamp_ns", "tracked_world_from_camera": 4x4 metres or null}]}]}. The tracked pose is what a
-headset reports (it drifts); the truth stays in scene_camera.json and is read by `truth_of` only.
+sequence.json, lengths in metres, angles in radians, poses 4x4:
+
+    {"format": "multicam-sequence", "version": 2,
+     "cameras": [{"camera_id", "scene_id", "kind": "headset" or "static", "rate_hz": pictures a second or null,
+                  "frames": [{"im_id", "timestamp_ns", "tracked_world_from_camera": pose or null}]}],
+     "board": null or {"columns", "rows", "square", "marker", "dictionary", "world_from_board": true pose or null},
+     "tracking": null or {"rotation_bias", "translation_bias", "rotation_walk", "translation_walk"},
+     "truth": null or {"clock_offset_ns": {camera_id: stamp minus true time},
+                       "bumps": [{"camera_id", "timestamp_ns"}], "moved": [{"obj_id", "start_ns", "end_ns"}]}}
+
+A frame that the camera lost is not listed. A tracked pose is what the headset reports (it drifts). A pipeline may use
+cameras, board and tracking; the rest is for evaluation: true poses of cameras and objects stand in the BOP scenes and
+are read by `truth_of` and `record`, and "truth" and "world_from_board" by `Recording.truth`. Version 1, still read, has
+"moving": true or false for "kind", and neither a rate nor the last three entries.
 """
 
 from __future__ import annotations
@@ -17,10 +28,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from multicam.dataset.bop_reader import ImageRecord, read_depth, read_image, read_scene
 from multicam.dataset.objects import Catalogue, load_catalogue
+from multicam.dataset.sequence_facts import (
+    Board,
+    SequenceTruth,
+    TrackingErrors,
+    board_from_plain,
+    board_to_plain,
+    rigid_pose,
+    tracking_from_plain,
+    tracking_to_plain,
+    truth_from_plain,
+    truth_to_plain,
+)
 from multicam.errors import DataError, describe
 from multicam.files import read_json, write_json
 from multicam.geometry import se3
@@ -28,7 +49,9 @@ from multicam.geometry.camera import Camera
 from multicam.types import FloatArray, Frame, FrameSet
 
 FORMAT = "multicam-sequence"
-VERSION = 1
+VERSION = 2
+_KINDS = {"headset": True, "static": False}
+"""Kind of camera in the file, and whether it moves."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,21 +65,36 @@ class FrameEntry:
 
 @dataclass(frozen=True, eq=False)
 class CameraEntry:
-    """One camera of a recording; frames in order of time. A moving camera is tracked, the others stand still."""
+    """One camera of a recording; frames in order of time.
+
+    Attributes:
+        moving: a headset, tracked by itself; the others are static, though one may be bumped.
+        rate_hz: pictures a second when none is lost, or None where the recording does not say.
+    """
 
     camera_id: str
     scene_id: int
     moving: bool
     frames: tuple[FrameEntry, ...]
+    rate_hz: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """A recording on disk."""
+    """A recording on disk.
+
+    Attributes:
+        board: the ChArUco board in view, or None.
+        tracking: size of the errors of the headset's tracking, or None where not stated.
+        truth: clocks, events and the board's pose, for evaluation only, or None where not stated.
+    """
 
     folder: Path
     catalogue: Catalogue
     cameras: tuple[CameraEntry, ...]
+    board: Board | None
+    tracking: TrackingErrors | None
+    truth: SequenceTruth | None
     _records: dict[str, dict[int, ImageRecord]]
 
     def record(self, camera_id: str, im_id: int) -> ImageRecord:
@@ -122,17 +160,18 @@ def load_recording(folder: Path) -> Recording:
     """
     path = folder / "sequence.json"
     content = read_json(path)
-    if not isinstance(content, dict) or content.get("format") != FORMAT or content.get("version") != VERSION:  # pyright: ignore[reportUnknownMemberType]
-        raise DataError(f'{path} is not a recording: it must hold "format": "{FORMAT}" and "version": {VERSION}.')
+    if not isinstance(content, dict) or content.get("format") != FORMAT or content.get("version") not in (1, VERSION):  # pyright: ignore[reportUnknownMemberType]
+        raise DataError(f'{path} is not a recording: it must hold "format": "{FORMAT}" and "version": 1 or {VERSION}.')
+    version: int = content["version"]  # pyright: ignore[reportUnknownVariableType]
     try:
-        cameras = tuple(_read_camera(row) for row in content["cameras"])  # pyright: ignore[reportUnknownVariableType, reportUnknownArgumentType]
-    except (KeyError, ValueError, TypeError) as error:
+        cameras = tuple(_read_camera(row, version) for row in content["cameras"])  # pyright: ignore[reportUnknownVariableType, reportUnknownArgumentType]
+        _check_names(cameras, path)
+        board, world_from_board = board_from_plain(content["board"] if version > 1 else None)
+        tracking = tracking_from_plain(content["tracking"] if version > 1 else None)
+        camera_ids = {camera.camera_id for camera in cameras}
+        truth = truth_from_plain(content["truth"] if version > 1 else None, camera_ids, world_from_board)
+    except (KeyError, ValueError, TypeError, AttributeError) as error:
         raise DataError(f"{path} does not follow the recording format: {describe(error)}.") from error
-    if not cameras:
-        raise DataError(f"{path} names no camera.")
-    names = [camera.camera_id for camera in cameras]
-    if len(set(names)) != len(names):
-        raise DataError(f"{path} names a camera twice: {', '.join(names)}.")
     records: dict[str, dict[int, ImageRecord]] = {}
     for camera in cameras:
         scene = {r.im_id: r for r in read_scene(folder / "test" / f"{camera.scene_id:06d}")}
@@ -140,16 +179,23 @@ def load_recording(folder: Path) -> Recording:
         if missing:
             raise DataError(f"{path}: camera {camera.camera_id} names images {missing[:5]} that its scene lacks.")
         records[camera.camera_id] = scene
-    return Recording(folder, load_catalogue(folder / "models"), cameras, records)
+    return Recording(folder, load_catalogue(folder / "models"), cameras, board, tracking, truth, records)
 
 
-def write_sequence(folder: Path, cameras: tuple[CameraEntry, ...]) -> None:
+def write_sequence(
+    folder: Path,
+    cameras: tuple[CameraEntry, ...],
+    board: Board | None = None,
+    tracking: TrackingErrors | None = None,
+    truth: SequenceTruth | None = None,
+) -> None:
     """Writes sequence.json, atomically; the BOP scenes and models are written by `bop_writer`."""
     rows = [
         {
             "camera_id": camera.camera_id,
             "scene_id": camera.scene_id,
-            "moving": camera.moving,
+            "kind": next(kind for kind, moving in _KINDS.items() if moving == camera.moving),
+            "rate_hz": camera.rate_hz,
             "frames": [
                 {
                     "im_id": e.im_id,
@@ -163,26 +209,41 @@ def write_sequence(folder: Path, cameras: tuple[CameraEntry, ...]) -> None:
         }
         for camera in cameras
     ]
-    write_json(folder / "sequence.json", {"format": FORMAT, "version": VERSION, "cameras": rows}, indent=1)
+    content = {
+        "format": FORMAT,
+        "version": VERSION,
+        "cameras": rows,
+        "board": board_to_plain(board, truth),
+        "tracking": tracking_to_plain(tracking),
+        "truth": truth_to_plain(truth),
+    }
+    write_json(folder / "sequence.json", content, indent=1)
 
 
-def _read_camera(row: dict[str, Any]) -> CameraEntry:
+def _check_names(cameras: tuple[CameraEntry, ...], path: Path) -> None:
+    if not cameras:
+        raise DataError(f"{path} names no camera.")
+    names = [camera.camera_id for camera in cameras]
+    if len(set(names)) != len(names):
+        raise DataError(f"{path} names a camera twice: {', '.join(names)}.")
+
+
+def _read_camera(row: dict[str, Any], version: int) -> CameraEntry:
     frames: list[FrameEntry] = []
     for frame in row["frames"]:
         im_id, timestamp_ns = int(frame["im_id"]), int(frame["timestamp_ns"])
         pose = frame.get("tracked_world_from_camera")
-        matrix = None if pose is None else np.array(pose, dtype=np.float64)
-        if matrix is not None and not _is_rigid(matrix):
-            raise ValueError(f"the tracked pose of image {im_id} is no 4x4 rigid transform in metres")
+        matrix = None if pose is None else rigid_pose(pose, f"the tracked pose of image {im_id}")
         frames.append(FrameEntry(im_id, timestamp_ns, matrix))
     frames.sort(key=lambda entry: entry.timestamp_ns)
-    if not isinstance(row["moving"], bool):
-        raise ValueError(f'"moving" of camera {row["camera_id"]} is {row["moving"]!r}, not true or false')
-    return CameraEntry(str(row["camera_id"]), int(row["scene_id"]), row["moving"], tuple(frames))
-
-
-def _is_rigid(matrix: FloatArray) -> bool:
-    if matrix.shape != (4, 4) or not np.allclose(matrix[3], [0, 0, 0, 1]) or not np.all(np.isfinite(matrix)):
-        return False
-    rotation = matrix[:3, :3]
-    return np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3) and bool(np.linalg.det(rotation) > 0)
+    camera_id, scene_id = str(row["camera_id"]), int(row["scene_id"])
+    if version == 1:
+        if not isinstance(row["moving"], bool):
+            raise ValueError(f'"moving" of camera {camera_id} is {row["moving"]!r}, not true or false')
+        return CameraEntry(camera_id, scene_id, row["moving"], tuple(frames))
+    if row["kind"] not in _KINDS:
+        raise ValueError(f'"kind" of camera {camera_id} is {row["kind"]!r}, not {" or ".join(_KINDS)}')
+    rate = None if row["rate_hz"] is None else float(row["rate_hz"])
+    if rate is not None and not rate > 0:
+        raise ValueError(f'"rate_hz" of camera {camera_id} is {rate:g}; it must be more than 0')
+    return CameraEntry(camera_id, scene_id, _KINDS[row["kind"]], tuple(frames), rate)

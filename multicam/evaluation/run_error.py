@@ -69,10 +69,11 @@ class Truth:
         _, entry = self._index.find(camera_id, timestamp_ns)
         return self._recording.truth_of(camera_id, entry.im_id)
 
-    def static(self, camera_id: str) -> FloatArray:
-        """True world_from_camera of a camera that stands still."""
-        camera = next(c for c in self._recording.cameras if c.camera_id == camera_id)
-        return self._recording.truth_of(camera_id, camera.frames[0].im_id)
+    def static(self, camera_id: str, timestamp_ns: int) -> FloatArray:
+        """True world_from_camera of a static camera at a time: that of its latest picture, for it may be bumped."""
+        frames = next(c for c in self._recording.cameras if c.camera_id == camera_id).frames
+        latest = next((e for e in reversed(frames) if e.timestamp_ns <= timestamp_ns), frames[0])
+        return self._recording.truth_of(camera_id, latest.im_id)
 
     def record(self, camera_id: str, timestamp_ns: int) -> ImageRecord:
         """The BOP record of a picture."""
@@ -110,9 +111,9 @@ def evaluate_run(run: RunResult, estimates: Estimates, recording: Recording, pro
     for step in run.steps:
         reference = _latest_reference(step.camera(run.headset), truth) or reference
         for name, errors in cameras.items():
-            errors.append(_error_in_headset(step.camera(name), reference, truth))
+            errors.append(_error_in_headset(step, name, reference, truth))
         for (a, b), errors in pairs.items():
-            errors.append(_pair_error(step.camera(a), step.camera(b), truth))
+            errors.append(_pair_error(step, a, b, truth))
         if reference is not None:
             _judge_objects(step, reference, truth, points, objects)
     pictures = [
@@ -167,19 +168,27 @@ def _latest_reference(headset: CameraResult, truth: Truth) -> _Reference | None:
     return _Reference(headset, truth.camera(headset.camera_id, headset.timestamp_ns))
 
 
-def _error_in_headset(camera: CameraResult, reference: _Reference | None, truth: Truth) -> CameraError | None:
+def _error_in_headset(step: StepResult, name: str, reference: _Reference | None, truth: Truth) -> CameraError | None:
+    camera = step.camera(name)
     if reference is None or camera.world_from_camera is None:
         return None
-    true = se3.inverse(reference.true_world_from_headset) @ truth.static(camera.camera_id)
+    true = se3.inverse(reference.true_world_from_headset) @ _true_static(step, camera, truth)
     estimated, covariance = _relative(reference.found, camera)
     return camera_error(estimated, true, covariance)
 
 
-def _pair_error(a: CameraResult, b: CameraResult, truth: Truth) -> CameraError | None:
+def _pair_error(step: StepResult, first: str, second: str, truth: Truth) -> CameraError | None:
+    a, b = step.camera(first), step.camera(second)
     if a.world_from_camera is None or b.world_from_camera is None:
         return None
     estimated, covariance = _relative(a, b)
-    return camera_error(estimated, se3.inverse(truth.static(a.camera_id)) @ truth.static(b.camera_id), covariance)
+    true = se3.inverse(_true_static(step, a, truth)) @ _true_static(step, b, truth)
+    return camera_error(estimated, true, covariance)
+
+
+def _true_static(step: StepResult, camera: CameraResult, truth: Truth) -> FloatArray:
+    """Where a static camera is at a step; one that gave no picture then is where its latest one was taken."""
+    return truth.static(camera.camera_id, step.timestamp_ns if camera.timestamp_ns is None else camera.timestamp_ns)
 
 
 def _relative(a: CameraResult, b: CameraResult) -> tuple[FloatArray, FloatArray]:

@@ -169,7 +169,7 @@ def test_an_empty_recording(capsys, tmp_path, marked, copied):
 def test_exactly_one_headset_is_needed(capsys, tmp_path, marked, copied, moving, count):
     content = json.loads((copied / "sequence.json").read_text())
     for index, camera in enumerate(content["cameras"]):
-        camera["moving"] = index in moving
+        camera["kind"] = "headset" if index in moving else "static"
     (copied / "sequence.json").write_text(json.dumps(content))
     assert count in refused(capsys, tmp_path, copied, marked.network)
 

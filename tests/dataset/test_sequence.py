@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
@@ -21,6 +22,7 @@ from multicam.dataset.sequence import (
     load_recording,
     write_sequence,
 )
+from multicam.dataset.sequence_facts import Board, Bump, ObjectMotion, SequenceTruth, TrackingErrors
 from multicam.geometry import se3
 from tests.close import assert_close
 from tests.dataset.labelled import CAMERA, labelled_image
@@ -28,6 +30,9 @@ from tests.faults import edit_json, sentence
 from tests.toy_objects import toy_meshes
 
 MS = 1_000_000
+BOARD = Board(5, 4, 0.05, 0.04, "DICT_4X4_50")
+TRACKING = TrackingErrors(1e-4, 2e-3, 3e-4, 4e-3)
+SHIPPED = Path(__file__).parents[2] / "multicam" / "assets" / "recording"
 
 
 @pytest.fixture
@@ -42,8 +47,11 @@ def recording(tmp_path: Path, catalogue: Catalogue, rng: np.random.Generator) ->
             writer.add(im_id, labelled_image(rng))
             tracked = se3.random(rng) if name == "headset" else None
             frames.append(FrameEntry(im_id, (100 * im_id + 5 * scene_id) * MS, tracked))
-        cameras.append(CameraEntry(name, scene_id, name == "headset", tuple(frames)))
-    write_sequence(tmp_path, tuple(cameras))
+        cameras.append(CameraEntry(name, scene_id, name == "headset", tuple(frames), 10.0))
+    truth = SequenceTruth(
+        {"headset": 0, "static": -3}, (Bump("static", 150 * MS),), (ObjectMotion(2, 0, 9),), se3.random(rng)
+    )
+    write_sequence(tmp_path, tuple(cameras), BOARD, TRACKING, truth)
     return tmp_path
 
 
@@ -64,6 +72,60 @@ def test_poses_survive_to_the_last_digit(tmp_path: Path, recording: Path, rng: n
     write_sequence(recording, (CameraEntry("headset", 0, True, (FrameEntry(2, 7, pose),)),))
     (camera,) = load_recording(recording).cameras
     assert np.array_equal(camera.frames[0].tracked_world_from_camera, pose)  # pyright: ignore[reportArgumentType]
+
+
+def test_board_tracking_and_truth_come_back(recording: Path) -> None:
+    found = load_recording(recording)
+    assert found.board == BOARD
+    assert found.tracking == TRACKING
+    assert [camera.rate_hz for camera in found.cameras] == [10.0, 10.0]
+    assert found.truth is not None
+    assert found.truth.clock_offsets_ns == {"headset": 0, "static": -3}
+    assert found.truth.bumps == (Bump("static", 150 * MS),)
+    assert found.truth.motions == (ObjectMotion(2, 0, 9),)
+    written = json.loads((recording / "sequence.json").read_text())
+    assert np.array_equal(found.truth.world_from_board, written["board"]["world_from_board"])  # pyright: ignore[reportArgumentType]
+
+
+def test_a_recording_need_not_state_them(recording: Path) -> None:
+    write_sequence(recording, (CameraEntry("static", 1, False, (FrameEntry(0, 1),)),))
+    found = load_recording(recording)
+    assert (found.board, found.tracking, found.truth, found.cameras[0].rate_hz) == (None, None, None, None)
+
+
+def test_what_a_pipeline_is_given_holds_no_truth(recording: Path) -> None:
+    first, *_ = load_recording(recording).frame_sets()
+    fields = {name for frame in first.frames for name in vars(frame)}
+    assert fields == {"camera_id", "timestamp_ns", "image", "camera", "tracked_world_from_camera", "depth"}
+    assert "world_from_board" not in vars(BOARD)
+
+
+def test_version_1_is_still_read(recording: Path) -> None:
+    def age(content: Any) -> None:
+        content["version"] = 1
+        for entry in ("board", "tracking", "truth"):
+            del content[entry]
+        for row in content["cameras"]:
+            row["moving"] = row.pop("kind") == "headset"
+            del row["rate_hz"]
+
+    before = load_recording(recording).cameras
+    edit_json(recording / "sequence.json", age)
+    found = load_recording(recording)
+    assert [(c.camera_id, c.moving, c.rate_hz) for c in found.cameras] == [
+        ("headset", True, None),
+        ("static", False, None),
+    ]
+    assert found.cameras[0].frames[1].timestamp_ns == before[0].frames[1].timestamp_ns
+    assert (found.board, found.tracking, found.truth) == (None, None, None)
+    edit_json(recording / "sequence.json", lambda c: c["cameras"][0].update(moving="false"))
+    assert "\"moving\" of camera headset is 'false', not true or false" in sentence(lambda: load_recording(recording))
+
+
+def test_the_shipped_recording_is_read() -> None:
+    found = load_recording(SHIPPED)
+    assert [camera.moving for camera in found.cameras] == [True, False, False]
+    assert all(camera.frames for camera in found.cameras)
 
 
 def test_frame_sets_hold_pictures_of_one_time(recording: Path) -> None:
@@ -120,16 +182,26 @@ def frame(content: Any, camera: int, index: int) -> Any:
     ("edit", "expected"),
     [
         (lambda c: c.update(format="other"), 'must hold "format": "multicam-sequence"'),
-        (lambda c: c.update(version=2), '"version": 1'),
+        (lambda c: c.update(version=3), '"version": 1 or 2'),
         (lambda c: c.pop("cameras"), '"cameras" is missing'),
         (lambda c: c.update(cameras=[]), "names no camera"),
         (lambda c: c.update(cameras=3), "does not follow the recording format"),
         (lambda c: c["cameras"][1].update(camera_id="headset"), "names a camera twice: headset, headset"),
         (lambda c: c["cameras"][0].pop("scene_id"), '"scene_id" is missing'),
         (
-            lambda c: c["cameras"][0].update(moving="false"),
-            "\"moving\" of camera headset is 'false', not true or false",
+            lambda c: c["cameras"][0].update(kind="handheld"),
+            "\"kind\" of camera headset is 'handheld', not headset or static",
         ),
+        (lambda c: c["cameras"][0].pop("kind"), '"kind" is missing'),
+        (lambda c: c["cameras"][0].update(rate_hz=0), '"rate_hz" of camera headset is 0; it must be more than 0'),
+        (lambda c: c.pop("truth"), '"truth" is missing'),
+        (lambda c: c["board"].pop("square"), '"square" is missing'),
+        (lambda c: c["board"].update(marker=0.06), "markers smaller than its squares"),
+        (lambda c: c["board"].update(world_from_board=[[1, 0]]), "the board's pose is no 4x4 rigid transform"),
+        (lambda c: c["tracking"].update(rotation_walk=None), "does not follow the recording format"),
+        (lambda c: c["truth"].update(clock_offset_ns=[1]), "does not follow the recording format"),
+        (lambda c: c["truth"]["bumps"][0].update(camera_id="door"), "speaks of camera door, which the recording lacks"),
+        (lambda c: c["truth"]["moved"][0].update(end_ns=-1), "motion of object 2 ends before it starts"),
         (lambda c: c["cameras"][0].update(frames=["x"]), "does not follow the recording format"),
         (lambda c: frame(c, 0, 1).pop("timestamp_ns"), '"timestamp_ns" is missing'),
         (lambda c: frame(c, 0, 1).update(timestamp_ns="soon"), "'soon'"),

@@ -3,14 +3,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from multicam.dataset.bop_writer import pose_row
 from multicam.dataset.runs import RunResult, StepResult, read_run, write_run
-from multicam.dataset.sequence import Recording
+from multicam.dataset.sequence import Recording, load_recording
+from multicam.dataset.units import transform_from_bop
 from multicam.errors import DataError
 from multicam.evaluation.run_error import RunErrors, evaluate_run
 from multicam.evaluation.tables import camera_table, coverage_table, object_table, statements, time_table
 from multicam.geometry import se3
 from multicam.progress import SilentProgress
-from tests.toy_recording import truth_as_estimates, truthful_run
+from tests.faults import edit_json
+from tests.toy_recording import truth_as_estimates, truthful_run, write_toy_recording
 from tests.toy_walk import HEADSET, LEFT, RIGHT
 
 
@@ -211,3 +214,32 @@ def test_malformed_results_are_refused_in_one_sentence(toy_recording, tmp_path, 
     with pytest.raises(DataError, match=sentence) as raised:
         read_run(path)
     assert "\n" not in str(raised.value)
+
+
+def test_a_bumped_camera_is_judged_where_it_stands_at_each_step(tmp_path):
+    recording = write_toy_recording(tmp_path)
+    scene = next(c.scene_id for c in recording.cameras if c.camera_id == LEFT)
+    bump = se3.exp(np.array([0, 0, 0.1, 0.03, 0.04, 0]))
+
+    def knock(table):
+        for number in ("3", "4", "5"):
+            row = table[number]
+            pose = transform_from_bop(row["cam_R_w2c"], row["cam_t_w2c"])
+            row |= pose_row(se3.inverse(bump) @ pose, "w2c")
+
+    still = truthful_run(recording)
+    edit_json(tmp_path / "test" / f"{scene:06d}" / "scene_camera.json", knock)
+    bumped = load_recording(tmp_path)
+    errors = judge(still, bumped)
+    # A run that has not noticed is right before and wrong after; one that has is right throughout.
+    assert [e.centre_mm > 1 for e in errors.cameras[LEFT]] == [False] * 3 + [True] * 3
+    assert [e.centre_mm > 1 for e in errors.pairs[LEFT, RIGHT]] == [False] * 3 + [True] * 3
+    assert errors.cameras[LEFT][4].rotation_deg == pytest.approx(np.degrees(0.1))
+    noticed = judge(truthful_run(bumped), bumped)
+    assert all(e.centre_mm < 1e-6 for e in noticed.cameras[LEFT])
+    # Without a picture at a step, the camera is where its latest one was taken.
+    steps = tuple(
+        replace(step, cameras=tuple(replace(c, timestamp_ns=None) if c.camera_id == LEFT else c for c in step.cameras))
+        for step in truthful_run(bumped).steps
+    )
+    assert all(e.centre_mm < 1e-6 for e in judge(replace(still, steps=steps), bumped).cameras[LEFT])
