@@ -8,11 +8,15 @@ from dataclasses import replace
 import albumentations as A
 import cv2
 import numpy as np
+from scipy.ndimage import distance_transform_edt
 
 from multicam.image import PADDING, Letterbox
 from multicam.types import FloatArray, ImageArray
 from train.config import AugmentConfig
 from train.samples import Labels, Picture, Region
+
+_WHOLE = 0.99
+"""Share from which a pixel shows an object and nothing else."""
 
 Labeller = Callable[[Picture, FloatArray, Region], Labels]
 """Labels of a picture drawn by an affine map into a region of the input."""
@@ -74,10 +78,20 @@ def cutout(image: ImageArray, labels: Labels, donor: ImageArray, rng: np.random.
     return image, replace(labels, visible=visible)
 
 
-def with_background(image: ImageArray, objects: np.ndarray, background: ImageArray) -> ImageArray:
-    """Another picture behind the objects, whose visible pixels (h, w) are true."""
+def with_background(image: ImageArray, alpha: FloatArray, background: ImageArray) -> ImageArray:
+    """Another picture behind the objects, of which each pixel shows a share alpha (h, w), 0..1.
+
+    A pixel at an edge is a mixture of object and old background; its object part is taken from the nearest pixel that
+    shows nothing else.
+    """
     behind = cv2.resize(background, (image.shape[1], image.shape[0]), interpolation=cv2.INTER_AREA)
-    return np.where(objects[..., None], image, behind)
+    whole = alpha > _WHOLE
+    if not whole.any():
+        return behind
+    nearest = distance_transform_edt(~whole, return_distances=False, return_indices=True)
+    objects = image[tuple(nearest)].astype(np.float64)
+    mixed = behind + alpha[..., None] * (objects - behind)
+    return np.where(whole[..., None], image, np.rint(mixed).astype(np.uint8))
 
 
 class Photometry:

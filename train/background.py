@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import cv2
 import numpy as np
 
-from multicam.dataset.bop_reader import IMAGE_SUFFIXES, read_image
+from multicam.dataset.bop_reader import IMAGE_SUFFIXES, ImageRecord, read_image, read_mask
 from multicam.errors import DataError
-from multicam.files import require_file, require_folder
+from multicam.files import require_folder
+from multicam.types import FloatArray
 from train.augment import with_background
 from train.config import AugmentConfig
 from train.samples import Picture
 
 
 class Backgrounds:
-    """Pictures of a folder, put behind the visible masks of a record."""
+    """Pictures of a folder, put behind the objects of a record."""
 
     def __init__(self, config: AugmentConfig) -> None:
         assert config.backgrounds is not None
@@ -30,22 +30,21 @@ class Backgrounds:
         """The picture, with some probability before another background.
 
         Raises:
-            DataError: the data set has no visible masks.
+            DataError: the data set has neither visible masks nor alpha, or they cannot be read.
         """
         if rng.uniform() >= self.probability:
             return picture
-        masks = picture.record.mask_visib_paths
-        if not masks:
-            raise DataError(
-                f"image {picture.record.im_id} of scene {picture.record.scene_id} has no mask_visib files, "
-                "which augment.backgrounds needs; leave that option out."
-            )
-        objects = np.zeros(picture.image.shape[:2], dtype=np.bool_)
-        for path in masks:
-            require_file(path, "mask")
-            mask = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
-            if mask is None:
-                raise DataError(f"{path} is not a readable mask.")
-            objects |= mask > 0
         background = read_image(self.paths[int(rng.integers(len(self.paths)))])
-        return replace(picture, image=with_background(picture.image, objects, background))
+        return replace(picture, image=with_background(picture.image, _alpha(picture.record), background))
+
+
+def _alpha(record: ImageRecord) -> FloatArray:
+    """(h, w) share of each pixel that objects cover, 0..1; hard where the data set has masks only."""
+    if record.alpha_path is not None:
+        return read_mask(record.alpha_path) / 255
+    if not record.mask_visib_paths:
+        raise DataError(
+            f"image {record.im_id} of scene {record.scene_id} has no mask_visib files, which augment.backgrounds "
+            "needs; leave that option out."
+        )
+    return np.max([read_mask(path) for path in record.mask_visib_paths], axis=0) / 255

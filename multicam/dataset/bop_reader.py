@@ -48,6 +48,7 @@ class ImageRecord:
         depth_scale: millimetres per raw unit of the depth image.
         rgb_path, depth_path: files, or None where absent.
         mask_visib_paths: per instance, empty where absent.
+        alpha_path: share of each pixel that labelled objects cover, 8 bits, or None; our renders have it.
     """
 
     scene_id: int
@@ -59,6 +60,7 @@ class ImageRecord:
     depth_path: Path | None
     mask_visib_paths: tuple[Path, ...]
     instances: tuple[Instance, ...]
+    alpha_path: Path | None = None
 
 
 def list_scenes(split: Path) -> list[Path]:
@@ -139,6 +141,15 @@ def read_depth(path: Path, depth_scale: float) -> np.ndarray:
     return raw.astype(np.float32) * np.float32(depth_scale * MILLIMETRE)
 
 
+def read_mask(path: Path) -> NDArray[np.uint8]:
+    """Reads a mask or an alpha channel as (h, w) uint8, 255 where it is full.
+
+    Raises:
+        DataError: missing, truncated or not an image.
+    """
+    return _decode(path, cv2.IMREAD_GRAYSCALE)
+
+
 def find_image(folder: Path, kinds: tuple[str, ...], stem: str) -> Path | None:
     """The first existing folder/kind/stem.suffix, or None."""
     candidates = (folder / kind / f"{stem}{suffix}" for kind in kinds for suffix in IMAGE_SUFFIXES)
@@ -211,4 +222,5 @@ def _read_image(folder: Path, im_id: int, camera: Any, truth: Any, infos: Any, k
         depth_path=find_image(folder, ("depth",), stem),
         mask_visib_paths=masks if masks and masks[0].is_file() else (),
         instances=tuple(instances),
+        alpha_path=find_image(folder, ("alpha",), stem),
     )

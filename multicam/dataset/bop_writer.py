@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from multicam.dataset.objects import Catalogue
 from multicam.dataset.units import MILLIMETRE
-from multicam.files import read_json, write_bytes, write_json
+from multicam.files import find_leftovers, read_json, write_bytes, write_json
 from multicam.geometry.camera import Camera
 from multicam.geometry.mesh import Mesh, save_ply
 from multicam.types import FloatArray, ImageArray
@@ -48,13 +48,21 @@ class InstanceLabels:
 
 @dataclass(frozen=True, eq=False)
 class LabelledImage:
-    """One rendered picture with everything known of it; depth in metres, 0 where nothing was hit."""
+    """One rendered picture with everything known of it.
+
+    Attributes:
+        depth: (h, w) metres, 0 where unknown; None for a camera that gives none.
+        alpha: (h, w) share of each pixel of `image` that labelled objects cover, 0..1, or None.
+        jpeg_quality: of the stored picture, 0..100.
+    """
 
     camera: Camera
     camera_from_world: FloatArray
     image: ImageArray
-    depth: NDArray[np.float32]
+    depth: NDArray[np.float32] | None
     instances: tuple[InstanceLabels, ...]
+    alpha: NDArray[np.float32] | None = None
+    jpeg_quality: int = 95
 
 
 @dataclass
@@ -62,7 +70,6 @@ class SceneWriter:
     """Adds images to one BOP scene folder; opening an existing folder continues it."""
 
     folder: Path
-    jpeg_quality: int = 95
     _tables: dict[str, dict[str, Any]] = field(init=False)
 
     _FILES = ("scene_camera", "scene_gt_info", "scene_keypoints", "scene_gt")
@@ -82,17 +89,29 @@ class SceneWriter:
         """Ids of the images that are wholly written."""
         return {int(key) for key in self._tables["scene_gt"]}
 
+    def tidy(self) -> None:
+        """Removes what a killed writer left behind: temporary files, and pixels of images that do not exist."""
+        for path in find_leftovers(self.folder):
+            path.unlink()
+        for path in self.folder.glob("*/*"):
+            number = path.stem.split("_")[0]
+            if number.isdigit() and int(number) not in self.completed:
+                path.unlink()
+
     def add(self, im_id: int, picture: LabelledImage) -> None:
         """Writes pixels, masks, depth and labels of one image, atomically as a whole."""
         stem, key = f"{im_id:06d}", str(im_id)
         if not self._tables["scene_gt"]:
             # To a reader a scene without this file is one without ground truth, not one that has just begun.
             write_json(self.folder / "scene_gt.json", {})
-        self._encode("rgb", f"{stem}.jpg", picture.image[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, self.jpeg_quality])
-        raw = np.rint(picture.depth / (DEPTH_SCALE * MILLIMETRE))
-        # What lies beyond 16 bits (6.5 m) is unknown; clipped, it would be a wall.
-        raw = np.where(raw > 65535, 0, raw).astype(np.uint16)
-        self._encode("depth", f"{stem}.png", raw, [])
+        self._encode("rgb", f"{stem}.jpg", picture.image[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, picture.jpeg_quality])
+        if picture.depth is not None:
+            raw = np.rint(picture.depth / (DEPTH_SCALE * MILLIMETRE))
+            # What lies beyond 16 bits (6.5 m) is unknown; clipped, it would be a wall.
+            raw = np.where(raw > 65535, 0, raw).astype(np.uint16)
+            self._encode("depth", f"{stem}.png", raw, [])
+        if picture.alpha is not None:
+            self._encode("alpha", f"{stem}.png", np.rint(picture.alpha * 255).astype(np.uint8), [])
         for index, row in enumerate(picture.instances):
             for kind, mask in (("mask", row.mask), ("mask_visib", row.mask_visible)):
                 self._encode(kind, f"{stem}_{index:06d}.png", mask.astype(np.uint8) * 255, [])
@@ -101,7 +120,9 @@ class SceneWriter:
         self._tables["scene_keypoints"][key] = [_keypoint_row(row) for row in picture.instances]
         self._tables["scene_gt"][key] = [_truth_row(row) for row in picture.instances]
         for name in self._FILES:
-            write_json(self.folder / f"{name}.json", self._tables[name])
+            # In the order of the images, whatever the order in which they came to be.
+            table = sorted(self._tables[name].items(), key=lambda row: int(row[0]))
+            write_json(self.folder / f"{name}.json", dict(table))
 
     def _encode(self, kind: str, name: str, pixels: NDArray[Any], options: list[int]) -> None:
         suffix = Path(name).suffix

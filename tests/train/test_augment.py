@@ -160,8 +160,20 @@ def test_patches_hide_the_keypoints_under_them() -> None:
 
 def test_the_background_changes_only_behind_the_objects() -> None:
     image, mask = np.full((4, 4, 3), 9, dtype=np.uint8), np.eye(4, dtype=bool)
-    out = with_background(image, mask, np.full((8, 8, 3), 50, dtype=np.uint8))
+    out = with_background(image, mask.astype(float), np.full((8, 8, 3), 50, dtype=np.uint8))
     assert (out[mask] == 9).all() and (out[~mask] == 50).all()
+
+
+def test_an_edge_keeps_nothing_of_the_old_background() -> None:
+    """The pixel in the middle is half object (100), half old background (0), half new one (200) afterwards."""
+    image = np.repeat(np.array([[100, 100, 50, 0, 0]], dtype=np.uint8)[..., None], 3, axis=2)
+    out = with_background(image, np.array([[1, 1, 0.5, 0, 0]]), np.full((1, 5, 3), 200, dtype=np.uint8))
+    assert out[0, :, 0].tolist() == [100, 100, 150, 200, 200]
+
+
+def test_a_picture_without_objects_is_all_background() -> None:
+    background = np.full((4, 4, 3), 50, dtype=np.uint8)
+    assert np.array_equal(with_background(np.zeros((4, 4, 3), np.uint8), np.zeros((4, 4)), background), background)
 
 
 def test_photometry_repeats_itself_for_the_same_generator() -> None:
