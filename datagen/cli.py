@@ -1,4 +1,4 @@
-"""`multicam datagen`: models, keypoints, render, sequence."""
+"""`multicam datagen`: the verbs that make data sets."""
 
 from __future__ import annotations
 
@@ -10,8 +10,11 @@ from multicam.errors import ConfigError, MulticamError, did_you_mean
 
 _VERBS = {
     "models": ("datagen.instruments.command", "write the nine instruments as a BOP models folder"),
+    "import": ("datagen.commands.import_parts", "make a BOP models folder of CAD files (PLY, OBJ, STL, GLB)"),
     "keypoints": ("datagen.commands.keypoints", "add keypoints to a BOP models folder of your own"),
+    "inspect": ("datagen.commands.inspect", "show a data set or a models folder on one HTML page"),
     "render": ("datagen.commands.render", "render a labelled data set of random scenes"),
+    "verify": ("datagen.commands.verify", "compare a rendered data set with its manifests: is all there, and whole?"),
     "sequence": ("datagen.commands.sequence", "render a recording with one moving and two static cameras"),
 }
 

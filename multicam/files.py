@@ -1,9 +1,16 @@
-"""Reading and writing files without torn results: every write is a rename, every read names its file."""
+"""Reading and writing files without torn results: every write is a rename, every read names its file.
+
+A process killed at any moment leaves each file as it was or as it was to become, and perhaps a temporary file beside
+it (`find_leftovers`). After a power cut the same holds: the content is on the disk before the rename, and the rename is
+before `write_atomic` returns, so files written one after the other also arrive one after the other. That is as much as
+the disk and the file system keep of what they promise for fsync.
+"""
 
 from __future__ import annotations
 
 import json
 import os
+import re
 import tempfile
 from collections.abc import Generator
 from contextlib import contextmanager
@@ -32,8 +39,30 @@ def write_atomic(path: Path) -> Generator[Path]:
         with open(temporary, "rb") as stream:
             os.fsync(stream.fileno())
         temporary.replace(path)
+        _sync_folder(path.parent)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def _sync_folder(folder: Path) -> None:
+    """Has the disk keep the names in a folder; Windows has no call for that."""
+    if os.name == "nt":
+        return
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+_TEMPORARY = re.compile(r"\..+-[a-z0-9_]{8}(\.\w+)?")
+"""Names that `write_atomic` gives to its temporary files."""
+
+
+def find_leftovers(folder: Path, recursive: bool = True) -> list[Path]:
+    """Temporary files that killed writers left in a folder; with no writer at work there, they may be removed."""
+    paths = folder.rglob(".*") if recursive else folder.glob(".*")
+    return sorted(path for path in paths if _TEMPORARY.fullmatch(path.name) and path.is_file())
 
 
 def write_bytes(path: Path, data: bytes) -> None:

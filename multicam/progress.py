@@ -33,19 +33,38 @@ class RichProgress:
         from rich.progress import (
             BarColumn,
             MofNCompleteColumn,
+            ProgressColumn,
+            Task,
             TextColumn,
             TimeElapsedColumn,
             TimeRemainingColumn,
         )
         from rich.progress import Progress as Bar
+        from rich.text import Text
+
+        class RateColumn(ProgressColumn):
+            def render(self, task: Task) -> Text:
+                return Text(describe_rate(task.finished_speed or task.speed))
 
         columns = (
             TextColumn("{task.description}"),
             BarColumn(),
             MofNCompleteColumn(),
+            RateColumn(),
             TimeElapsedColumn(),
             TextColumn("left"),
             TimeRemainingColumn(),
         )
-        with Bar(*columns, console=Console(stderr=True)) as bar:
+        with Bar(*columns, console=Console(stderr=True), speed_estimate_period=_RATE_OVER) as bar:
             yield from bar.track(items, description=description, total=total)
+
+
+_RATE_OVER = 300.0
+"""Seconds that the rate is an average of: items of very different length come in rows."""
+
+
+def describe_rate(per_second: float | None) -> str:
+    """Items an hour where they are slow, a second where they are fast; empty for a rate not yet known."""
+    if per_second is None:
+        return ""
+    return f"{per_second:.0f}/s" if per_second >= 10 else f"{3600 * per_second:,.0f}/h"

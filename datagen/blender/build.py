@@ -8,16 +8,19 @@ from typing import Any
 import bpy
 import numpy as np
 from mathutils import Matrix
+from numpy.typing import NDArray
 
-from datagen.blender.materials import make_material
-from datagen.scenes.primitives import primitive
+from datagen.blender.materials import make_material, pattern_color
+from datagen.blender.settle import settle
+from datagen.scenes.looks import HDRIS
+from datagen.scenes.primitives import unit_shape
 from datagen.scenes.spec import Light, SceneSpec, Surroundings
 from multicam.geometry.mesh import Mesh
 
 _SMOOTH_BELOW = np.deg2rad(35)
 """Edges sharper than this stay edges."""
 _CLEAR_OF_TABLE = 1e-4
-"""Metres by which the table's top sinks, so that it never lies in the plane of an object's face."""
+"""Metres by which tables and floors sink, so that their tops never lie in the plane of an object's face."""
 
 
 class Builder:
@@ -28,23 +31,26 @@ class Builder:
         self._meshes = {obj_id: _make_mesh(f"object {obj_id}", mesh) for obj_id, mesh in meshes.items()}
         self._primitives: dict[str, Any] = {}
         self._instances: list[Any] = []
+        self._solids: list[Any] = []
         self._world = bpy.data.worlds.new("world")
         bpy.context.scene.world = self._world
 
     def build(self, scene: SceneSpec) -> None:
         """Replaces the scene; the pass index of object i is i + 1, and 0 means everything unlabelled."""
         _clear()
-        self._instances = []
+        self._instances, self._solids = [], []
         for index, item in enumerate(scene.objects):
             thing = _add(f"instance {index}", self._meshes[item.obj_id], item.world_from_object)
             thing.pass_index = index + 1
             self._instances.append(thing)
-            _dress(thing, make_material(f"instance {index}", item.surface))
+            _dress(thing, make_material(f"instance {index}", item.surface, thing.data))
         for index, solid in enumerate(scene.solids):
             pose = solid.world_from_solid @ np.diag([*solid.size, 1.0])
-            pose[2, 3] -= _CLEAR_OF_TABLE
+            if pose[2, 3] < 0:
+                pose[2, 3] -= _CLEAR_OF_TABLE
             thing = _add(f"solid {index}", self._primitive(solid.shape), pose)
-            _dress(thing, make_material(f"solid {index}", solid.surface))
+            self._solids.append(thing)
+            _dress(thing, make_material(f"solid {index}", solid.surface, thing.data))
         for index, light in enumerate(scene.lights):
             _add(f"light {index}", _make_light(f"light {index}", light), light.world_from_light)
         _surround(self._world, scene.surroundings)
@@ -54,9 +60,17 @@ class Builder:
         for thing, item in zip(self._instances, scene.objects_in(shot), strict=True):
             thing.matrix_world = Matrix(item.world_from_object)
 
+    def settle(self, scene: SceneSpec) -> NDArray[np.float64]:
+        """World poses (n, 4, 4) of all labelled objects after the loose ones fell; mounted groups stay."""
+        poses = np.stack([item.world_from_object for item in scene.objects])
+        loose = np.array([not item.mounted for item in scene.objects])
+        movable, mounted = ([self._instances[i] for i in np.flatnonzero(which)] for which in (loose, ~loose))
+        poses[loose] = settle(movable, mounted, self._solids)
+        return poses
+
     def _primitive(self, shape: str) -> Any:
         if shape not in self._primitives:
-            self._primitives[shape] = _make_mesh(shape, primitive(shape))
+            self._primitives[shape] = _make_mesh(shape, unit_shape(shape))
         return self._primitives[shape]
 
 
@@ -72,12 +86,26 @@ def _clear() -> None:
 def _make_mesh(name: str, mesh: Mesh) -> Any:
     made = bpy.data.meshes.new(name)
     made.from_pydata(mesh.vertices.tolist(), [], mesh.faces.tolist())
+    _paint(made, mesh)
     made.shade_smooth()
     made.set_sharp_from_angle(angle=_SMOOTH_BELOW)
     # A slot for the material, which belongs to the object: instances of a class look different.
     made.materials.append(None)
     made.use_fake_user = True
     return made
+
+
+def _paint(made: Any, mesh: Mesh) -> None:
+    """Vertex colours as the attribute "Color", the texture's coordinates as "UVMap"; its file stays with the mesh."""
+    if mesh.colors is not None:
+        linear = np.ones((len(mesh.vertices), 4), dtype=np.float32)
+        linear[:, :3] = (mesh.colors / 255.0) ** 2.2
+        made.color_attributes.new("Color", "FLOAT_COLOR", "POINT").data.foreach_set("color", linear.reshape(-1))
+    if mesh.uv is not None and mesh.texture is not None:
+        corners = np.empty(len(made.loops), dtype=np.int32)
+        made.loops.foreach_get("vertex_index", corners)
+        made.uv_layers.new(name="UVMap").uv.foreach_set("vector", mesh.uv[corners].astype(np.float32).reshape(-1))
+        made["texture"] = str(mesh.texture.resolve())
 
 
 def _add(name: str, data: Any, world_from_thing: np.ndarray) -> Any:
@@ -109,22 +137,40 @@ def _surround(world: Any, surroundings: Surroundings) -> None:
     world.cycles.sampling_method, world.cycles.sample_map_resolution = "MANUAL", 256
     nodes, link = world.node_tree.nodes, world.node_tree.links.new
     nodes.clear()
-    output, background = nodes.new("ShaderNodeOutputWorld"), nodes.new("ShaderNodeBackground")
+    output, light = nodes.new("ShaderNodeOutputWorld"), nodes.new("ShaderNodeBackground")
+    link(_environment(nodes, link, surroundings), light.inputs["Color"])
+    light.inputs["Strength"].default_value = surroundings.strength
+    seen = light
+    if surroundings.backdrop is not None:
+        # Rays from the camera see the backdrop; all others still meet the environment.
+        seen, picture, ray = (
+            nodes.new("ShaderNodeMixShader"),
+            nodes.new("ShaderNodeBackground"),
+            nodes.new("ShaderNodeLightPath"),
+        )
+        where = nodes.new("ShaderNodeTexCoord").outputs["Window"]
+        link(pattern_color(nodes, link, where, surroundings.backdrop), picture.inputs["Color"])
+        picture.inputs["Strength"].default_value = surroundings.strength
+        link(ray.outputs["Is Camera Ray"], seen.inputs["Fac"])
+        link(light.outputs["Background"], seen.inputs[1])
+        link(picture.outputs["Background"], seen.inputs[2])
+    link(seen.outputs[0], output.inputs["Surface"])
+
+
+def _environment(nodes: Any, link: Any, surroundings: Surroundings) -> Any:
+    """The socket of the light's colour by its direction."""
     where, turn = nodes.new("ShaderNodeTexCoord"), nodes.new("ShaderNodeMapping")
     link(where.outputs["Generated"], turn.inputs["Vector"])
-    link(background.outputs["Background"], output.inputs["Surface"])
     turn.inputs["Rotation"].default_value = (0.0, 0.0, surroundings.turn)
-    background.inputs["Strength"].default_value = surroundings.strength
     if surroundings.hdri is not None:
         picture = nodes.new("ShaderNodeTexEnvironment")
-        folder = Path(bpy.utils.system_resource("DATAFILES")) / "studiolights" / "world"
-        picture.image = bpy.data.images.load(str(folder / f"{surroundings.hdri}.exr"))
+        bundled = Path(bpy.utils.system_resource("DATAFILES")) / "studiolights" / "world" / f"{surroundings.hdri}.exr"
+        picture.image = bpy.data.images.load(str(bundled if surroundings.hdri in HDRIS else surroundings.hdri))
         link(turn.outputs["Vector"], picture.inputs["Vector"])
-        link(picture.outputs["Color"], background.inputs["Color"])
-        return
+        return picture.outputs["Color"]
     ramp, split = nodes.new("ShaderNodeValToRGB"), nodes.new("ShaderNodeSeparateXYZ")
     link(turn.outputs["Vector"], split.inputs["Vector"])
     link(split.outputs["Z"], ramp.inputs["Fac"])
     ramp.color_ramp.elements[0].color = (*surroundings.horizon, 1.0)
     ramp.color_ramp.elements[1].color = (*surroundings.zenith, 1.0)
-    link(ramp.outputs["Color"], background.inputs["Color"])
+    return ramp.outputs["Color"]

@@ -7,6 +7,8 @@ other, so wherever both speak they must agree; a scene in which they do not is r
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,7 +26,9 @@ from multicam.types import FloatArray
 _DEPTH_TOLERANCE = 1e-3
 """Metres by which the two depths of a surface may differ."""
 _PIXEL_TOLERANCE = 0.5
-"""Pixels by which a keypoint may leave the box of its object."""
+"""Pixels by which a keypoint may leave the silhouette of its object."""
+_ZOOM = 32
+"""Sides of a pixel where a sharp tip is looked for that passes between the centres of pixels."""
 _STRAY_PIXELS, _STRAY_SHARE = 3, 0.01
 """How many pixels of an outline may fall differently in float32 and float64."""
 _KEYPOINT_DEPTH = 2e-3
@@ -51,23 +55,24 @@ def annotate(
             if visible.any():
                 raise DataError(f"{where}: rendered inside the image, but its geometry lies outside.")
             continue
-        depth, box, pixel_count = silhouette
-        _verify_depth(depth, passes.depth, visible, where)
+        inside = silhouette.inside(camera)
+        _verify_depth(inside, passes.depth, visible, where)
         points = catalogue[item.obj_id].keypoints
         keypoints_in_camera = se3.act(pose, points if points is not None else np.zeros((0, 3)))
         # A point beside the camera has no image; it is moved to the near plane and is never visible.
         keypoints_in_camera[:, 2] = np.maximum(keypoints_in_camera[:, 2], NEAR)
         keypoints = camera.project(keypoints_in_camera)
-        _verify_keypoints(keypoints, keypoints_in_camera[:, 2], box, camera, where)
+        for number in silhouette.strays(keypoints, keypoints_in_camera[:, 2]):
+            _verify_keypoint(keypoints[number], meshes[item.obj_id], camera, pose, where)
         labels.append(
             InstanceLabels(
                 obj_id=item.obj_id,
                 camera_from_object=pose,
-                box=box,
-                mask=depth > 0,
+                box=silhouette.box,
+                mask=inside > 0,
                 mask_visible=visible,
-                visible_fraction=min(1.0, float(visible.sum()) / pixel_count),
-                pixel_count=max(pixel_count, int(visible.sum())),
+                visible_fraction=min(1.0, float(visible.sum()) / silhouette.pixel_count),
+                pixel_count=max(silhouette.pixel_count, int(visible.sum())),
                 keypoints=keypoints,
                 keypoints_visible=_keypoints_visible(camera, keypoints, keypoints_in_camera[:, 2], passes.depth),
             )
@@ -75,10 +80,48 @@ def annotate(
     return tuple(labels)
 
 
-def _silhouette(
-    mesh: Mesh, camera: Camera, camera_from_object: FloatArray
-) -> tuple[NDArray[np.float32], FloatArray, int] | None:
-    """The object drawn alone: depth inside the image, amodal box, pixels on the canvas; None if not in the image."""
+@dataclass(frozen=True, eq=False)
+class _Silhouette:
+    """An object drawn alone, on a canvas that holds the image and all of the object within one image around it.
+
+    Attributes:
+        depth: (h, w) of the canvas, 0 beside the object.
+        start: (2,) x and y of the canvas's first pixel in the image.
+        box: (4,) amodal, pixels.
+    """
+
+    depth: NDArray[np.float32]
+    start: NDArray[np.int64]
+    box: FloatArray
+
+    @property
+    def pixel_count(self) -> int:
+        return int((self.depth > 0).sum())
+
+    def inside(self, camera: Camera) -> NDArray[np.float32]:
+        """The part within the image."""
+        left, top = -self.start
+        return self.depth[top : top + camera.height, left : left + camera.width]
+
+    def strays(self, keypoints: FloatArray, depths: FloatArray) -> list[int]:
+        """Keypoints before the camera and on the canvas that are more than half a pixel from every pixel of it."""
+        local = keypoints - self.start
+        height, width = self.depth.shape
+        found: list[int] = []
+        for number in np.flatnonzero(depths > NEAR):
+            u, v = local[number]
+            if not (0 <= u <= width - 1 and 0 <= v <= height - 1):
+                continue
+            # A pixel is a square: half a pixel from its edge is a whole one from its centre.
+            rows = slice(int(np.ceil(max(v - 1, 0))), int(v + 1) + 1)
+            columns = slice(int(np.ceil(max(u - 1, 0))), int(u + 1) + 1)
+            if not self.depth[rows, columns].any():
+                found.append(int(number))
+        return found
+
+
+def _silhouette(mesh: Mesh, camera: Camera, camera_from_object: FloatArray) -> _Silhouette | None:
+    """None if nothing of the object is in the image."""
     width, height = camera.width, camera.height
     points = se3.act(camera_from_object, mesh.vertices)
     front = points[:, 2] > NEAR
@@ -96,14 +139,13 @@ def _silhouette(
         return None
     shift = np.array([[1, 0, -start[0]], [0, 1, -start[1]], [0, 0, 1.0]])
     canvas = render_depth(mesh, camera.warped(shift, *(int(n) for n in stop - start)), camera_from_object)
-    inside = canvas[-start[1] : height - start[1], -start[0] : width - start[0]]
-    if not inside.any():
-        return None
     if not front.all():
         ys, xs = np.nonzero(canvas)
-        corners = [xs.min() - 0.5, ys.min() - 0.5, xs.max() + 0.5, ys.max() + 0.5]
-        box = np.array(corners, dtype=np.float64) + np.concatenate((start, start))
-    return inside, box.astype(np.float64), int((canvas > 0).sum())
+        if len(xs):
+            corners = [xs.min() - 0.5, ys.min() - 0.5, xs.max() + 0.5, ys.max() + 0.5]
+            box = np.array(corners, dtype=np.float64) + np.concatenate((start, start))
+    found = _Silhouette(canvas, start, box.astype(np.float64))
+    return found if found.inside(camera).any() else None
 
 
 def _keypoints_visible(
@@ -130,14 +172,15 @@ def _verify_depth(own: NDArray[np.float32], seen: NDArray[np.float32], visible: 
         )
 
 
-def _verify_keypoints(keypoints: FloatArray, depths: FloatArray, box: FloatArray, camera: Camera, where: str) -> None:
-    """Keypoints lie on the surface, so the amodal box holds them, as far as the canvas reaches."""
-    size = np.array([camera.width, camera.height])
-    on_canvas = np.all((keypoints > -size) & (keypoints < 2 * size - 1), axis=1) & (depths > NEAR)
-    outside = np.maximum(box[:2] - keypoints, keypoints - box[2:]).max(axis=1, initial=-np.inf)
-    worst = float(np.max(outside[on_canvas], initial=-np.inf))
-    if worst > _PIXEL_TOLERANCE:
+def _verify_keypoint(
+    keypoint: FloatArray, mesh: Mesh, camera: Camera, camera_from_object: FloatArray, where: str
+) -> None:
+    """Keypoints lie on the surface, so the object must be found within half a pixel, if only between pixel centres."""
+    corner = keypoint - _PIXEL_TOLERANCE
+    zoom = np.array([[_ZOOM, 0, -_ZOOM * corner[0]], [0, _ZOOM, -_ZOOM * corner[1]], [0, 0, 1.0]])
+    side = round(2 * _PIXEL_TOLERANCE * _ZOOM) + 1
+    if not render_depth(mesh, camera.warped(zoom, side, side), camera_from_object).any():
         raise DataError(
-            f"{where}: a keypoint lies {worst:.1f} pixels outside the object; does keypoints.json belong to "
-            "these meshes?"
+            f"{where}: nothing of the object is within half a pixel of its keypoint at ({keypoint[0]:.1f}, "
+            f"{keypoint[1]:.1f}); does keypoints.json belong to these meshes?"
         )

@@ -7,9 +7,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TypeVar
 
+from datagen import GENERATOR_VERSION
 from multicam.config import load_config, save_config, to_mapping
 from multicam.errors import DataError
-from multicam.files import write_bytes
+from multicam.files import find_leftovers, read_json, write_bytes, write_json
 
 Config = TypeVar("Config")
 """A frozen dataclass."""
@@ -18,13 +19,22 @@ Config = TypeVar("Config")
 def claim(path: Path, config: Config, free: Sequence[str]) -> None:
     """Saves the configuration beside its output, or makes sure that the one already there is the same.
 
+    The version of the generator stands in generator.json, and may not change either.
+
     Args:
         free: fields that may have changed since.
 
     Raises:
-        DataError: the folder belongs to another configuration.
+        DataError: the folder belongs to another configuration, or another version began it.
     """
+    version = path.parent / "generator.json"
     if path.is_file():
+        began = read_json(version)["version"] if version.is_file() else 1
+        if began != GENERATOR_VERSION:
+            raise DataError(
+                f"{path.parent} was begun by version {began} of the generator, and this is version "
+                f"{GENERATOR_VERSION}, whose pictures differ; give another output, or delete the folder."
+            )
         old, new = to_mapping(load_config(type(config), path)), to_mapping(config)
         changed = ", ".join(key for key in new if new[key] != old[key] and key not in free)
         if changed:
@@ -32,6 +42,9 @@ def claim(path: Path, config: Config, free: Sequence[str]) -> None:
                 f"{path.parent} holds pictures of another configuration (different: {changed}); give another "
                 "output, or delete the folder."
             )
+    for leftover in find_leftovers(path.parent, recursive=False):
+        leftover.unlink(missing_ok=True)
+    write_json(version, {"version": GENERATOR_VERSION})
     save_config(config, path)
 
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from datagen.scenes.spec import Shot
+from datagen.scenes.spec import Lens, Shot
 from multicam.types import ImageArray
 
 _MIDDLE = 0.21
@@ -16,6 +17,7 @@ _SHOULDER = 0.75
 
 def develop(color: NDArray[np.float32], shot: Shot, rng: np.random.Generator) -> ImageArray:
     """(h, w, 3) uint8 sRGB of linear radiance; exposed automatically, then shifted by the shot's own stops."""
+    color = _through_lens(color, shot.lens) * np.array(shot.white, dtype=np.float32)
     luminance = color @ np.array([0.2126, 0.7152, 0.0722], dtype=np.float32)
     # Between mean and geometric mean: neither a dark corner nor a lamp in the picture decides alone.
     typical = float(np.sqrt(np.exp(np.log(luminance + 1e-4).mean()) * (luminance.mean() + 1e-4)))
@@ -28,3 +30,12 @@ def develop(color: NDArray[np.float32], shot: Shot, rng: np.random.Generator) ->
     deviation = shot.noise * np.sqrt(0.2 + 0.8 * display)
     noisy = display + deviation * rng.standard_normal(display.shape, dtype=np.float32)
     return np.rint(np.clip(noisy, 0, 1) * 255).astype(np.uint8)
+
+
+def _through_lens(color: NDArray[np.float32], lens: Lens) -> NDArray[np.float32]:
+    """Softness, and light lost towards the corners with the square of their distance from the middle."""
+    if lens.softness > 0:
+        color = cv2.GaussianBlur(color, (0, 0), lens.softness, borderType=cv2.BORDER_REPLICATE)
+    height, width = color.shape[:2]
+    y, x = np.ogrid[-1 : 1 : height * 1j, -1 : 1 : width * 1j]
+    return color * (1 - lens.vignette * (x**2 + y**2) / 2).astype(np.float32)[..., None]

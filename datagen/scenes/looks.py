@@ -1,19 +1,22 @@
-"""Random and plain looks: surfaces of objects, table and room, lamps, surroundings."""
+"""Random and plain looks: surfaces of objects and of what is around them, lamps, environment light."""
 
 from __future__ import annotations
 
 import colorsys
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from datagen.scenes.spec import Color, Light, Solid, Surface, Surroundings
+from datagen.scenes.spec import Color, Light, Surface, Surroundings
 from multicam.geometry import se3
 
 HDRIS = ("city", "courtyard", "forest", "interior", "night", "studio", "sunrise", "sunset")
 """The environment maps that come with Blender (CC0)."""
 PATTERNS = ("plain", "noise", "voronoi", "brick", "wave", "checker")
+_SRGB_FROM_XYZ = np.array(
+    [[3.2406, -1.5372, -0.4986], [-0.9689, 1.8758, 0.0415], [0.0557, -0.2040, 1.0570]]
+)  # fmt: skip
 _DARKEST_METAL = 0.15
 """Metals reflect more than this; a darker nominal colour means plastic or carbon."""
 
@@ -25,68 +28,61 @@ _TABLES = (
     Surface((0.75, 0.75, 0.72), (0.68, 0.68, 0.66), "noise", 15.0, roughness=0.7),
 )
 """Drapes, wood, steel and laminate."""
-_FLOOR = Surface((0.32, 0.32, 0.31), (0.26, 0.26, 0.26), "checker", 2.0, roughness=0.6)
-_WALL = Surface((0.70, 0.70, 0.66), (0.66, 0.66, 0.63), "noise", 8.0, roughness=0.9)
+FLOOR = Surface((0.32, 0.32, 0.31), (0.26, 0.26, 0.26), "checker", 2.0, roughness=0.6)
+WALL = Surface((0.70, 0.70, 0.66), (0.66, 0.66, 0.63), "noise", 8.0, roughness=0.9)
 
 
-def nominal_surface(color: Color) -> Surface:
-    """The object as designed: a metal, unless its colour is too dark for one."""
-    metal = max(color) > _DARKEST_METAL
-    return Surface(color, color, metallic=0.9 if metal else 0.0, roughness=0.3 if metal else 0.45)
+def nominal_surface(color: Color, painted: bool = False) -> Surface:
+    """The object as designed: its own colours, or a metal, unless its colour is too dark for one."""
+    metal = max(color) > _DARKEST_METAL and not painted
+    return Surface(
+        color, color, metallic=0.9 if metal else 0.0, roughness=0.3 if metal else 0.45, original=painted
+    )  # fmt: skip
 
 
-def object_surface(color: Color, rng: np.random.Generator) -> Surface:
-    """Mostly the nominal material with other wear and tint; now and then another metal, or paint."""
+def object_surface(color: Color, painted: bool, rng: np.random.Generator) -> Surface:
+    """Mostly the nominal material with other wear and tint; now and then another metal, plastic, paint or a pattern.
+
+    Args:
+        painted: the mesh has colours of its own, which most of its looks keep.
+    """
     kind, roughness = rng.uniform(), float(rng.uniform(0.05, 0.5))
     spread = float(rng.uniform(0, 0.08))
-    if kind < 0.65:
+    if kind < 0.6 and painted:
+        tint = _tinted((0.8, 0.8, 0.8), rng, 0.2)
+        return Surface(tint, tint, "plain", 100.0, 0.0, roughness + 0.3, spread, original=True)
+    if kind < 0.6:
         tint = _tinted(color, rng, 0.15)
         metallic = float(rng.uniform(0.6, 1.0)) if max(color) > _DARKEST_METAL else 0.0
         return Surface(tint, tint, "plain", 100.0, metallic, max(roughness, 0.12), spread)
-    if kind < 0.85:
+    if kind < 0.75:
         grey = float(rng.uniform(0.3, 0.85))
         tint = _tinted((grey, grey, grey), rng, 0.12)
         return Surface(tint, tint, "plain", 100.0, float(rng.uniform(0.6, 1.0)), roughness, spread)
-    scale = float(np.exp(rng.uniform(np.log(20), np.log(200))))
+    if kind < 0.87:
+        # Plastic is smooth, paint is not.
+        paint = random_color(rng)
+        return Surface(paint, paint, "plain", 100.0, 0.0, roughness + (0.4 if rng.uniform() < 0.5 else 0.0), spread)
     metallic = float(rng.uniform(0, 0.6))
-    return Surface(_any(rng), _any(rng), str(rng.choice(PATTERNS)), scale, metallic, roughness + 0.2, spread)
+    pattern, scale = str(rng.choice(PATTERNS)), _log_uniform(20, 200, rng)
+    return Surface(random_color(rng), random_color(rng), pattern, scale, metallic, roughness + 0.2, spread)
 
 
-def backdrop_surface(rng: np.random.Generator) -> Surface:
-    """Any pattern in any two colours, at any scale; table, floor, walls and distractors."""
-    first = _any(rng)
-    second = _any(rng) if rng.uniform() < 0.5 else _tinted(first, rng, 0.5)
-    scale = float(np.exp(rng.uniform(np.log(3), np.log(120))))
+def backdrop_surface(rng: np.random.Generator, pictures: Sequence[str] = ()) -> Surface:
+    """Any pattern in any two colours, at any scale, or one of the pictures; tables, walls, distractors, backgrounds."""
+    first = random_color(rng)
+    second = random_color(rng) if rng.uniform() < 0.5 else _tinted(first, rng, 0.5)
     metallic = float(rng.uniform(0.3, 1.0)) if rng.uniform() < 0.2 else 0.0
     roughness, bump = float(rng.uniform(0.1, 1.0)), float(rng.uniform(0, 0.5))
-    return Surface(first, second, str(rng.choice(PATTERNS)), scale, metallic, roughness, 0.0, bump)
+    pattern, scale = str(rng.choice(PATTERNS)), _log_uniform(3, 120, rng)
+    if pictures and rng.uniform() < 0.5:
+        return Surface(first, second, "plain", scale, metallic, roughness, picture=str(rng.choice(pictures)))
+    return Surface(first, second, pattern, scale, metallic, roughness, 0.0, bump)
 
 
-def plain_room(rng: np.random.Generator) -> tuple[Solid, ...]:
-    """A realistic table in a realistic room."""
-    return _room(rng, _TABLES[rng.integers(len(_TABLES))], _FLOOR, _WALL)
-
-
-def random_room(rng: np.random.Generator) -> tuple[Solid, ...]:
-    """Any surfaces, or in one of four cases a realistic room."""
-    if rng.uniform() < 0.25:
-        return plain_room(rng)
-    return _room(rng, backdrop_surface(rng), backdrop_surface(rng), backdrop_surface(rng))
-
-
-def _room(rng: np.random.Generator, table: Surface, floor: Surface, wall: Surface) -> tuple[Solid, ...]:
-    """A table top at z = 0, a floor below it, and in half of the rooms four walls."""
-    half = rng.uniform(0.8, 1.6, size=2)
-    thickness, drop, far = rng.uniform(0.02, 0.06), rng.uniform(0.5, 0.9), rng.uniform(2.2, 4.0)
-    parts = [
-        _slab(np.array([*(2 * half), thickness]), np.array([0, 0, -thickness / 2]), table),
-        _slab(np.array([2 * far, 2 * far, 0.1]), np.array([0, 0, -drop - 0.05]), floor),
-    ]
-    if rng.uniform() < 0.5:
-        for x, y in ((1, 0), (-1, 0), (0, 1), (0, -1)):
-            size = np.array([0.1 if x else 2 * far, 0.1 if y else 2 * far, 3.0])
-            parts.append(_slab(size, np.array([x * far, y * far, 1.5 - drop]), wall))
-    return tuple(parts)
+def plain_table(rng: np.random.Generator) -> Surface:
+    """Drapes, wood, steel or laminate."""
+    return _TABLES[rng.integers(len(_TABLES))]
 
 
 def plain_surroundings(rng: np.random.Generator) -> Surroundings:
@@ -94,13 +90,22 @@ def plain_surroundings(rng: np.random.Generator) -> Surroundings:
     return Surroundings(1.0, str(rng.choice(("studio", "interior"))), float(rng.uniform(0, 2 * np.pi)))
 
 
-def random_surroundings(rng: np.random.Generator) -> Surroundings:
-    """An HDRI turned any way, or in one of six scenes a gradient."""
+def random_surroundings(rng: np.random.Generator, hdris: Sequence[str] = HDRIS) -> Surroundings:
+    """An environment map turned any way, or in one of six scenes a gradient."""
     turn = float(rng.uniform(0, 2 * np.pi))
-    strength = float(np.exp(rng.uniform(np.log(0.4), np.log(1.6))))
+    strength = _log_uniform(0.4, 1.6, rng)
     if rng.uniform() < 1 / 6:
         return Surroundings(strength, None, turn, _pale(rng), _pale(rng))
-    return Surroundings(strength, str(rng.choice(HDRIS)), turn)
+    return Surroundings(strength, str(rng.choice(hdris)), turn)
+
+
+def random_backdrop(rng: np.random.Generator, pictures: Sequence[str] = ()) -> Surface | None:
+    """What is seen behind all: in half of the scenes the environment (None), else a picture or a pattern."""
+    if rng.uniform() < 0.5:
+        return None
+    if pictures:
+        return Surface(random_color(rng), picture=str(rng.choice(pictures)))
+    return Surface(random_color(rng), random_color(rng), str(rng.choice(PATTERNS[1:])), _log_uniform(2, 30, rng))
 
 
 def plain_lamps() -> tuple[Light, ...]:
@@ -114,10 +119,30 @@ def random_lamps(rng: np.random.Generator) -> tuple[Light, ...]:
     for _ in range(rng.integers(0, 4)):
         angle, height, reach = rng.uniform(0, 2 * np.pi), rng.uniform(0.5, 2.0), rng.uniform(0.1, 1.5)
         position = np.array([reach * np.cos(angle), reach * np.sin(angle), height])
-        radius = float(np.exp(rng.uniform(np.log(0.02), np.log(0.5))))
-        watts = float(np.exp(rng.uniform(np.log(4), np.log(60))))
-        made.append(_lamp(position, radius, watts, _pale(rng), point=bool(rng.uniform() < 0.3)))
+        radius = _log_uniform(0.02, 0.5, rng)
+        watts, kelvin = _log_uniform(4, 60, rng), _log_uniform(2500, 9000, rng)
+        made.append(_lamp(position, radius, watts, blackbody(kelvin), point=bool(rng.uniform() < 0.3)))
     return tuple(made)
+
+
+def blackbody(kelvin: float) -> Color:
+    """Linear sRGB of a black body between 2000 and 12000 K, the greatest channel 1.
+
+    The Planckian locus as a cubic in 1/T (Kim et al., US patent 7024034), then CIE xyY to sRGB; what lies outside of it
+    is clipped.
+    """
+    t = 1e3 / kelvin
+    if kelvin < 4000:
+        x = np.polyval([-0.2661239, -0.2343589, 0.8776956, 0.179910], t)
+        cubic = [-0.9549476, -1.37418593, 2.09137015, -0.16748867]
+    else:
+        x = np.polyval([-3.0258469, 2.1070379, 0.2226347, 0.240390], t)
+        cubic = [3.0817580, -5.87338670, 3.75112997, -0.37001483]
+    if kelvin < 2222:
+        cubic = [-1.1063814, -1.34811020, 2.18555832, -0.20219683]
+    y = np.polyval(cubic, x)
+    linear = _SRGB_FROM_XYZ @ np.array([x / y, 1.0, (1 - x - y) / y])
+    return _color(np.clip(linear / linear.max(), 0, 1))
 
 
 def _lamp(position: NDArray[np.float64], radius: float, watts: float, color: Color, point: bool) -> Light:
@@ -129,11 +154,8 @@ def _lamp(position: NDArray[np.float64], radius: float, watts: float, color: Col
     return Light(se3.from_parts(rotation, position), radius, watts, color, point)
 
 
-def _slab(size: NDArray[np.float64], centre: NDArray[np.float64], surface: Surface) -> Solid:
-    return Solid("box", size, se3.from_parts(np.eye(3), centre), surface)
-
-
-def _any(rng: np.random.Generator) -> Color:
+def random_color(rng: np.random.Generator) -> Color:
+    """Any linear RGB, dark and greyish ones more often."""
     hue, saturation, value = rng.uniform(size=3)
     return _color(colorsys.hsv_to_rgb(hue, 0.9 * saturation**1.3, 0.02 + 0.88 * value**1.5))
 
@@ -149,3 +171,7 @@ def _tinted(color: Color, rng: np.random.Generator, spread: float) -> Color:
 def _color(values: Iterable[float]) -> Color:
     r, g, b = (float(v) for v in values)
     return r, g, b
+
+
+def _log_uniform(low: float, high: float, rng: np.random.Generator) -> float:
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))

@@ -44,19 +44,21 @@ class Surface:
 
 @dataclass(frozen=True, eq=False)
 class PlacedInstance:
-    """One labelled object; its label index is its place in `SceneSpec.objects`."""
+    """One labelled object; its label index is its place in `SceneSpec.objects`. `mounted`: it is part of a group."""
 
     obj_id: int
     world_from_object: NDArray[np.float64]
     surface: Surface
+    mounted: bool = False
 
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """An unlabelled primitive: table, wall or distractor.
+    """An unlabelled thing: table, wall, distractor or occluder.
 
     Attributes:
-        shape: box, cylinder, cone, sphere or torus, of unit size about its centre.
+        shape: a name in `primitives.SHAPES` or the path of a mesh file; either is scaled to fill the unit cube about
+            the origin.
         size: (3,) metres, scales the unit shape.
     """
 
@@ -79,10 +81,12 @@ class Light:
 
 @dataclass(frozen=True)
 class Surroundings:
-    """Light from all around: a bundled HDRI by name, or a gradient from horizon to zenith.
+    """Light from all around: an environment map, or a gradient from horizon to zenith.
 
     Attributes:
+        hdri: one of `looks.HDRIS`, which come with Blender, or the path of a file.
         turn: radians about the vertical.
+        backdrop: what cameras see instead of where the light comes from, once over the picture, or None.
     """
 
     strength: float
@@ -90,6 +94,55 @@ class Surroundings:
     turn: float = 0.0
     horizon: Color = (0.5, 0.5, 0.5)
     zenith: Color = (0.9, 0.9, 0.9)
+    backdrop: Surface | None = None
+
+
+@dataclass(frozen=True)
+class Lens:
+    """What a lens does to a picture beside projecting it.
+
+    Attributes:
+        softness: standard deviation of its blur, pixels.
+        vignette: share of the light that is lost in the corners.
+        focus: distance of what is sharp, metres; f_number: aperture on a sensor SENSOR_WIDTH wide, 0 for a pinhole.
+    """
+
+    softness: float = 0.0
+    vignette: float = 0.0
+    focus: float = 1.0
+    f_number: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """How a camera moves while it takes a picture; its pose is that in the middle of the exposure.
+
+    Attributes:
+        twist: (6,) right tangent of world_from_camera over the whole exposure.
+        row_share: share of that time for which one row is exposed, the first row first; 1: all rows at once.
+    """
+
+    twist: NDArray[np.float64]
+    row_share: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Overlay:
+    """A patch right before the camera; what it hides is not visible.
+
+    Attributes:
+        outline: (n, 2) pixels.
+        color: relative to a bright place of the picture.
+        picture: image file stretched over the patch instead of `color`, or None.
+    """
+
+    outline: NDArray[np.float64]
+    color: Color
+    picture: str | None = None
+
+
+SENSOR_WIDTH = 0.006
+"""Metres; small cameras' sensors are about this wide, which decides how deep their depth of field is."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,9 +158,12 @@ class Shot:
     """One picture to take.
 
     Attributes:
-        moved: objects that are not where the scene has them.
         exposure: stops above (+) or below (-) a well exposed picture.
         noise: standard deviation of the sensor noise at full scale, in 0..1 of the output range.
+        moved: objects that are not where the scene has them.
+        motion: None for a camera that stands still.
+        white: gains of the three channels that a wrong white balance leaves.
+        jpeg: quality of the stored picture, 0..100.
     """
 
     camera: Camera
@@ -115,6 +171,11 @@ class Shot:
     exposure: float = 0.0
     noise: float = 0.0
     moved: tuple[Moved, ...] = ()
+    lens: Lens = field(default_factory=Lens)
+    motion: Motion | None = None
+    overlays: tuple[Overlay, ...] = ()
+    white: Color = (1.0, 1.0, 1.0)
+    jpeg: int = 95
 
 
 @dataclass(frozen=True, eq=False)

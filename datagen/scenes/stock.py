@@ -18,6 +18,8 @@ from multicam.geometry.mesh import Mesh
 from multicam.types import FloatArray
 
 _GREY: Color = (0.6, 0.6, 0.62)
+_ONE_COLOR = 3.0
+"""Standard deviation of vertex colours, of 255, up to which they are one colour."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,12 +36,14 @@ class Stock:
 
     Attributes:
         colors: nominal linear colour of each class.
+        painted: classes whose meshes have a texture, or vertex colours that differ.
     """
 
     catalogue: Catalogue
     meshes: dict[int, Mesh]
     bodies: dict[int, Body]
     colors: dict[int, Color]
+    painted: frozenset[int]
     groups: tuple[Group, ...]
 
 
@@ -64,7 +68,12 @@ def load_stock(models: Path) -> Stock:
         except (KeyError, TypeError, ValueError) as error:
             raise DataError(f"{path} does not follow the format of assemblies: {error!r}.") from error
         groups.append(Group(parts, body_of(placed, rng)))
-    return Stock(catalogue, meshes, bodies, colors, tuple(groups))
+    painted = frozenset(obj_id for obj_id, mesh in meshes.items() if _is_painted(mesh))
+    return Stock(catalogue, meshes, bodies, colors, painted, tuple(groups))
+
+
+def _is_painted(mesh: Mesh) -> bool:
+    return mesh.texture is not None or (mesh.colors is not None and float(mesh.colors.std(axis=0).max()) > _ONE_COLOR)
 
 
 def _nominal_color(mesh: Mesh) -> Color:

@@ -39,6 +39,7 @@ def sample_viewpoint(
     clouds: list[NDArray[np.float64]],
     obstacles: NDArray[np.float64],
     rng: np.random.Generator,
+    from_below: bool = False,
 ) -> NDArray[np.float64]:
     """world_from_camera with one of the targets at the configured distance and about the middle of the image.
 
@@ -46,6 +47,7 @@ def sample_viewpoint(
         targets: (n, 3) points worth looking at, world.
         clouds: surface points of each object, world; none that is seen may reach behind the camera.
         obstacles: (m, 3) points to keep clear of, world.
+        from_below: as often as from above.
     """
     low, high = np.sin(np.deg2rad(config.elevation_deg))
     pose = np.eye(4)
@@ -53,6 +55,8 @@ def sample_viewpoint(
         target = targets[rng.integers(len(targets))]
         distance = np.exp(rng.uniform(*np.log(config.distance)))
         height, azimuth = rng.uniform(low, high), rng.uniform(0, 2 * np.pi)
+        if from_below and rng.uniform() < 0.5:
+            height = -height
         flat = np.sqrt(1 - height**2)
         outward = np.array([flat * np.cos(azimuth), flat * np.sin(azimuth), height])
         position = target + distance * outward

@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 
 from datagen.config import DatagenConfig, ObjectsConfig
-from datagen.pictures.generate import copy_models, generate
+from datagen.jobs.generate import generate
+from datagen.pictures.output import copy_models
 from datagen.scenes.stock import Stock
 from multicam.config import load_config, save_config
 from multicam.dataset.bop_reader import ImageRecord, list_scenes, read_depth, read_image, read_scene
@@ -98,7 +99,7 @@ def test_vertices_masks_and_depth_agree(rendered: Path, stock: Stock) -> None:
             checked += int(on_surface.sum())
             assert instance.box is not None
             assert np.all(pixels > np.maximum(instance.box[:2], (-64.5, -48.5)) - 1e-6) or np.any(pixels < -48)
-    assert checked > 200
+    assert checked > 100
 
 
 def test_silhouettes_of_both_renderers_agree(rendered: Path) -> None:
@@ -152,9 +153,10 @@ def test_a_torn_picture_is_made_again(rendered: Path, models: Path, tmp_path: Pa
     del truth["1"]
     write_json(scene / "scene_gt.json", truth)
     (scene / "rgb" / "000001.jpg").write_bytes(b"torn")
+    (scene / "manifest.json").unlink()
+    (scene / "depth" / ".000001-abcdefgh.png").write_bytes(b"to")
     generate(config_for(models, output))
-    # The file's rows stand in the order in which they were written.
-    assert read_json(scene / "scene_gt.json") == read_json(rendered / "train" / "000001" / "scene_gt.json")
+    assert labels(output) == labels(rendered)
     assert read_image(scene / "rgb" / "000001.jpg").shape == (48, 64, 3)
 
 

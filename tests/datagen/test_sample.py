@@ -11,7 +11,7 @@ import pytest
 from manifold3d import Manifold, Mesh64
 
 from datagen.config import CameraConfig, DatagenConfig, ObjectsConfig, RandomizationConfig
-from datagen.scenes.primitives import SHAPES, primitive
+from datagen.scenes.primitives import SHAPES, unit_shape
 from datagen.scenes.sample import sample_scene
 from datagen.scenes.spec import SceneSpec, scene_from_plain, scene_to_plain
 from datagen.scenes.stock import Stock, load_stock
@@ -35,7 +35,7 @@ def solids(scene: SceneSpec, stock: Stock) -> list[Manifold]:
     made = [solid(stock.meshes[o.obj_id], o.world_from_object) for o in scene.objects]
     for item in scene.solids:
         if item.world_from_solid[2, 3] > 0 and item.size.max() <= 0.15:
-            unit = primitive(item.shape)
+            unit = unit_shape(item.shape)
             made.append(solid(Mesh(unit.vertices * item.size, unit.faces), item.world_from_solid))
     return made
 
@@ -120,7 +120,7 @@ def test_switching_one_kind_off_leaves_the_others_alone(stock: Stock) -> None:
 
 def test_primitives_fill_the_unit_cube() -> None:
     for shape in SHAPES:
-        low, high = primitive(shape).box
+        low, high = unit_shape(shape).box
         assert np.allclose(low, -high)
         assert np.allclose((high - low)[:2], 1, atol=0.02)
 

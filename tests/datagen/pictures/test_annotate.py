@@ -16,6 +16,7 @@ from multicam.errors import DataError
 from multicam.geometry import se3
 from multicam.geometry.camera import Camera
 from multicam.geometry.mesh import Mesh
+from multicam.geometry.rasterizer import render_depth
 from multicam.geometry.symmetry import Symmetries
 
 CAMERA = Camera(np.array([[100.0, 0, 31.5], [0, 100, 23.5], [0, 0, 1]]), 64, 48)
@@ -39,7 +40,8 @@ def label(passes: Passes, spec: SceneSpec, keypoints: np.ndarray = CORNERS) -> t
 
 
 def empty() -> Passes:
-    return Passes(np.zeros((48, 64, 3), np.float32), np.zeros((48, 64), np.float32), np.zeros((48, 64), np.uint16))
+    flat = np.zeros((48, 64), np.float32)
+    return Passes(np.zeros((48, 64, 3), np.float32), flat.copy(), flat.astype(np.uint16), flat.copy())
 
 
 def paint(passes: Passes, index: int, depth: float, rows: slice, columns: slice) -> None:
@@ -133,3 +135,30 @@ def test_keypoints_of_another_mesh_are_noticed() -> None:
     paint(passes, 1, 0.5, slice(14, 34), slice(22, 42))
     with pytest.raises(DataError, match=r"keypoints\.json"):
         label(passes, scene((0, 0, 0.5)), 1.2 * CORNERS)
+
+
+NEEDLE = Mesh(np.array([[0, -0.004, 0], [0, 0.004, 0], [0.1, 0, 0]]), np.array([[0, 2, 1], [0, 1, 2]]))
+"""20 pixels long at 0.5 m; its tip is far thinner than a pixel."""
+
+
+@pytest.mark.parametrize("beyond", [0.0, 0.4])
+def test_a_keypoint_on_a_tip_between_pixel_centres_is_right(beyond: float) -> None:
+    row = needle_label(beyond)
+    assert row.keypoints[0, 0] == pytest.approx(31.5 + 20 + beyond)
+    assert not row.mask[23:25, 48:].any()
+
+
+def test_a_keypoint_more_than_half_a_pixel_beyond_a_tip_is_noticed() -> None:
+    with pytest.raises(DataError, match="within half a pixel"):
+        needle_label(0.6)
+
+
+def needle_label(beyond: float) -> InstanceLabels:
+    """Of a keypoint that lies some pixels beyond the tip."""
+    place = (0.0, 0.0013, 0.5)
+    passes, pose = empty(), se3.from_parts(np.eye(3), np.array(place))
+    passes.depth[:] = render_depth(NEEDLE, CAMERA, pose)
+    passes.index[:] = passes.depth > 0
+    keypoints = np.array([[0.1 + beyond * 0.5 / 100, 0, 0], [0.0, 0, 0]])
+    (row,) = annotate(passes, scene(place), 0, catalogue(keypoints), {1: NEEDLE})
+    return row
