@@ -99,16 +99,14 @@ def labelled(record: ImageRecord) -> ImageArray:
 
 
 def is_assembled(record: ImageRecord, stock: Stock) -> bool:
-    """Whether all parts of a group are well seen, each where the group has it."""
+    """Whether three parts of a group or more are well seen, each where the group has it."""
     seen = {i.obj_id: i.camera_from_object for i in record.instances if (i.visible_fraction or 0) > 0.3}
     return any(_is_mounted(group, seen) for group in stock.groups)
 
 
 def _is_mounted(group: Group, seen: dict[int, NDArray[np.float64]]) -> bool:
-    if any(obj_id not in seen for obj_id, _ in group.parts):
-        return False
-    places = [seen[obj_id] @ se3.inverse(group_from_object) for obj_id, group_from_object in group.parts]
-    return all(np.allclose(place, places[0], atol=1e-4) for place in places)
+    places = [seen[i] @ se3.inverse(group_from_object) for i, group_from_object in group.parts if i in seen]
+    return len(places) > 2 and all(np.allclose(place, places[0], atol=1e-4) for place in places)
 
 
 def composed(record: ImageRecord, others: Sequence[ImageRecord]) -> list[ImageArray]:
