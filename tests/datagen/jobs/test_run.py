@@ -117,11 +117,10 @@ def test_a_run_that_is_asked_to_stop_says_how_to_go_on(models: Path, tmp_path: P
 
 def start(config: DatagenConfig, folder: Path) -> subprocess.Popen[str]:
     save_config(config, folder / "config.yaml")
-    command = [sys.executable, "-m", "multicam.cli", "datagen", "render", "--config", str(folder / "config.yaml")]
     # A shell starts what runs in its background with Ctrl-C ignored, and children inherit that.
     heed = "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler)"
     code = f"{heed}; from multicam.cli import main; sys.exit(main())"
-    command[1:3] = ["-c", code]
+    command = [sys.executable, "-c", code, "datagen", "render", "--config", str(folder / "config.yaml")]
     return subprocess.Popen(command, cwd=Path(__file__).parents[3], stderr=subprocess.PIPE, text=True)
 
 
