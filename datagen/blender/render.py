@@ -41,6 +41,8 @@ class Renderer:
         cycles.use_denoising, cycles.denoiser = True, "OPENIMAGEDENOISE"
         cycles.denoising_input_passes, cycles.denoising_prefilter = "RGB_ALBEDO_NORMAL", "FAST"
         cycles.max_bounces, cycles.sample_clamp_indirect = 4, 4.0
+        # For scenes of many lamps; with three it costs a tenth of the time and saves no noise.
+        cycles.use_light_tree = False
         cycles.caustics_reflective = cycles.caustics_refractive = False
         scene.render.use_persistent_data = True
         scene.render.resolution_percentage = 100
