@@ -16,6 +16,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from collections import Counter
 from dataclasses import dataclass, replace
@@ -40,7 +41,7 @@ class KillConfig:
     """How many."""
     models: Path = Path("data/instruments/models")
     """BOP models folder."""
-    output: Path = Path("/tmp/datagen-kill")
+    output: Path = Path(tempfile.gettempdir(), "datagen-kill")
     """Scratch folder, emptied first."""
     images: int = 60
     """Pictures of a data set; when it is whole, the next one is begun."""

@@ -15,6 +15,7 @@ import os
 import shutil
 import subprocess
 import sys
+import tempfile
 import time
 from collections import defaultdict
 from contextlib import ExitStack
@@ -46,7 +47,7 @@ class SpeedConfig:
     """Python interpreter that has BlenderProc."""
     models: Path = Path("data/instruments/models")
     """BOP models folder."""
-    output: Path = Path("/tmp/datagen-speed")
+    output: Path = Path(tempfile.gettempdir(), "datagen-speed")
     """Scratch folder, emptied first."""
     scenes: int = 4
     """Scenes of each size; one more is rendered first and not counted."""

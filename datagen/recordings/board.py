@@ -15,12 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datagen.scenes.layout import Table, block_of
-from datagen.scenes.primitives import unit_shape
+from datagen.scenes.primitives import mesh_of
 from datagen.scenes.spec import Solid, Surface
 from multicam.dataset.sequence_facts import Board
 from multicam.files import write_bytes
 from multicam.geometry import se3, so3
-from multicam.geometry.mesh import Mesh
 from multicam.types import FloatArray, ImageArray
 
 BOARD = Board(columns=5, rows=4, square=0.05, marker=0.04, dictionary="DICT_4X4_50")
@@ -139,13 +138,13 @@ def place_board(
         solids = (Solid("box", size, pose, surface), block)
     placed = PlacedBoard(pose @ _solid_from_board(), solids)
     for solid in solids:
-        table.put(block_of(_mesh(solid), rng), solid.world_from_solid)
+        table.put(block_of(mesh_of(solid), rng), solid.world_from_solid)
     return placed
 
 
 def solid_cloud(solid: Solid) -> FloatArray:
     """(n, 3) surface points of a solid, world; always the same ones."""
-    mesh = _mesh(solid)
+    mesh = mesh_of(solid)
     points = np.concatenate((mesh.vertices, mesh.sample_surface(200, np.random.default_rng(0))))
     return se3.act(solid.world_from_solid, points)
 
@@ -154,11 +153,6 @@ def _inner_corners() -> FloatArray:
     """(12, 3) in the board's frame, in the order of OpenCV's ids."""
     columns, rows = np.meshgrid(np.arange(1, BOARD.columns), np.arange(1, BOARD.rows))
     return BOARD.square * np.stack((columns, rows, np.zeros_like(rows)), axis=-1).reshape(-1, 3)
-
-
-def _mesh(solid: Solid) -> Mesh:
-    unit = unit_shape(solid.shape)
-    return Mesh(unit.vertices * solid.size, unit.faces)
 
 
 def _solid_from_board() -> FloatArray:

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from datagen.recordings.sight import Sight, View
 from datagen.recordings.stage import Stage
-from datagen.scenes.primitives import unit_shape
+from datagen.scenes.primitives import mesh_of
 from datagen.scenes.stock import Stock
 from multicam.geometry import se3
 from multicam.geometry.camera import Camera
@@ -53,9 +53,7 @@ def _foresee_view(stage: Stage, stock: Stock, shot: int) -> View:
     about = np.full((small.height, small.width), np.inf)
     others = about.copy()
     for solid in stage.scene.solids:
-        unit = unit_shape(solid.shape)
-        mesh = Mesh(unit.vertices * solid.size, unit.faces)
-        drawn = _distances(mesh, small, camera_from_world @ solid.world_from_solid)
+        drawn = _distances(mesh_of(solid), small, camera_from_world @ solid.world_from_solid)
         about = np.minimum(about, drawn)
         if not any(solid is part for part in board):
             others = np.minimum(others, drawn)

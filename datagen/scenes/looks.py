@@ -35,9 +35,8 @@ WALL = Surface((0.70, 0.70, 0.66), (0.66, 0.66, 0.63), "noise", 8.0, roughness=0
 def nominal_surface(color: Color, painted: bool = False) -> Surface:
     """The object as designed: its own colours, or a metal, unless its colour is too dark for one."""
     metal = max(color) > _DARKEST_METAL and not painted
-    return Surface(
-        color, color, metallic=0.9 if metal else 0.0, roughness=0.3 if metal else 0.45, original=painted
-    )  # fmt: skip
+    metallic, roughness = (0.9, 0.3) if metal else (0.0, 0.45)
+    return Surface(color, color, metallic=metallic, roughness=roughness, original=painted)
 
 
 def object_surface(color: Color, painted: bool, rng: np.random.Generator) -> Surface:
@@ -126,7 +125,7 @@ def random_lamps(rng: np.random.Generator) -> tuple[Light, ...]:
 
 
 def blackbody(kelvin: float) -> Color:
-    """Linear sRGB of a black body between 2000 and 12000 K, the greatest channel 1.
+    """Linear sRGB of a black body between 2222 and 12000 K, the greatest channel 1.
 
     The Planckian locus as a cubic in 1/T (Kim et al., US patent 7024034), then CIE xyY to sRGB; what lies outside of it
     is clipped.
@@ -138,8 +137,6 @@ def blackbody(kelvin: float) -> Color:
     else:
         x = np.polyval([-3.0258469, 2.1070379, 0.2226347, 0.240390], t)
         cubic = [3.0817580, -5.87338670, 3.75112997, -0.37001483]
-    if kelvin < 2222:
-        cubic = [-1.1063814, -1.34811020, 2.18555832, -0.20219683]
     y = np.polyval(cubic, x)
     linear = _SRGB_FROM_XYZ @ np.array([x / y, 1.0, (1 - x - y) / y])
     return _color(np.clip(linear / linear.max(), 0, 1))

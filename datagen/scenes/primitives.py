@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from datagen.scenes.spec import Solid
 from multicam.geometry.mesh import Mesh, load_mesh
 
 SHAPES = ("box", "cylinder", "cone", "sphere", "torus", "tube", "capsule", "gear")
@@ -48,6 +49,12 @@ def proportions(file: str) -> NDArray[np.float64]:
     """(3,) edges of the bounding box of a mesh file, the longest being 1."""
     edges = extents(load_mesh(Path(file), 1.0))
     return edges / edges.max()
+
+
+def mesh_of(solid: Solid) -> Mesh:
+    """The shape in the size of a solid, about its own origin."""
+    unit = unit_shape(solid.shape)
+    return replace(unit, vertices=unit.vertices * solid.size)
 
 
 def extents(mesh: Mesh) -> NDArray[np.float64]:

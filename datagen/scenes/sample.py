@@ -23,7 +23,7 @@ from datagen.scenes.looks import (
     random_surroundings,
 )
 from datagen.scenes.places import KINDS, random_place
-from datagen.scenes.primitives import unit_shape
+from datagen.scenes.primitives import mesh_of
 from datagen.scenes.shots import sample_shots
 from datagen.scenes.spec import PlacedInstance, SceneSpec, Solid
 from datagen.scenes.stock import Stock
@@ -132,7 +132,7 @@ def _files(folder: Path | None, suffixes: tuple[str, ...]) -> tuple[str, ...]:
 def _reach(stock: Stock, poses: list[tuple[int, FloatArray]], clutter: tuple[Solid, ...]) -> FloatArray:
     """(2, 2) least and greatest x and y of all that was put down, metres."""
     clouds = [se3.act(pose, stock.bodies[obj_id].points) for obj_id, pose in poses]
-    clouds += [se3.act(item.world_from_solid, unit_shape(item.shape).vertices * item.size) for item in clutter]
+    clouds += [se3.act(item.world_from_solid, mesh_of(item).vertices) for item in clutter]
     flat = np.concatenate(clouds)[:, :2]
     return np.stack((flat.min(axis=0), flat.max(axis=0)))
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from datagen.config import CameraConfig, DatagenConfig
 from datagen.scenes.looks import random_color
-from datagen.scenes.primitives import unit_shape
+from datagen.scenes.primitives import mesh_of
 from datagen.scenes.spec import Lens, Motion, Overlay, PlacedInstance, Shot, Solid
 from datagen.scenes.stock import Stock
 from datagen.scenes.viewpoints import sample_camera, sample_viewpoint
@@ -39,9 +39,7 @@ def sample_shots(
     """
     targets = np.stack([o.world_from_object[:3, 3] for o in objects])
     clouds = [se3.act(o.world_from_object, stock.bodies[o.obj_id].points[::4]) for o in objects]
-    obstacles = np.concatenate(
-        clouds + [se3.act(s.world_from_solid, unit_shape(s.shape).vertices * s.size) for s in solids]
-    )
+    obstacles = np.concatenate(clouds + [se3.act(s.world_from_solid, mesh_of(s).vertices) for s in solids])
     shots: list[Shot] = []
     for stream in rng.spawn(count):
         where, sensor, optics, moving, patches, store = stream.spawn(6)
@@ -91,7 +89,7 @@ def _sample_motion(config: CameraConfig, camera: Camera, distance: float, rng: n
 
 
 def _sample_overlays(camera: Camera, pictures: Sequence[str], rng: np.random.Generator) -> tuple[Overlay, ...]:
-    """One to three patches: strips, polygons or ellipses, each up to a fifth of the picture's width."""
+    """One to three patches: polygons and ellipses up to a fifth of the picture's width, or thin strips across it."""
     if rng.uniform() >= _OVERLAID:
         return ()
     return tuple(_sample_overlay(camera, pictures, rng) for _ in range(rng.integers(1, 4)))

@@ -15,7 +15,7 @@ from multicam.dataset.bop_reader import ImageRecord, Instance, list_scenes, read
 from multicam.dataset.objects import Catalogue
 from multicam.errors import DataError
 from multicam.progress import Progress
-from multicam.visualization.overlay import color_of
+from multicam.visualization.overlay import hex_of
 
 SHOWN = 12
 """Pictures of a split on the page."""
@@ -117,7 +117,7 @@ def _draw_instance(
     drawing: Drawing, picture: ImageRecord, index: int, factor: float, catalogue: Catalogue, height: int
 ) -> None:
     instance = picture.instances[index]
-    color = "#" + "".join(f"{channel:02x}" for channel in color_of(instance.obj_id))
+    color = hex_of(instance.obj_id)
     shift = (factor - 1) / 2
     if picture.mask_visib_paths:
         mask = read_image(picture.mask_visib_paths[index])[..., 0]

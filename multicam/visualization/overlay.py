@@ -43,6 +43,11 @@ def color_of(obj_id: int) -> Color:
     return PALETTE[obj_id % len(PALETTE)]
 
 
+def hex_of(obj_id: int) -> str:
+    """The same colour as pages write it, #rrggbb."""
+    return "#" + "".join(f"{channel:02x}" for channel in color_of(obj_id))
+
+
 def draw_outlines(image: ImageArray, camera: Camera, outlines: Sequence[Outline]) -> ImageArray:
     """The picture with the silhouette of each object; a lens's distortion is ignored in drawing.
 

@@ -21,7 +21,7 @@ from multicam.evaluation.tables import camera_table, coverage_table, object_tabl
 from multicam.files import write_bytes, write_text
 from multicam.progress import Progress
 from multicam.visualization.charts import drift_chart, error_chart, time_chart
-from multicam.visualization.overlay import color_of
+from multicam.visualization.overlay import hex_of
 from multicam.visualization.pictures import data_uri, encode_jpeg, overlay_path
 from multicam.visualization.topview import STATUS_COLORS, TopView, TrueWorld
 
@@ -89,7 +89,7 @@ def write_page(
         judged=errors is not None,
         cameras=[c.camera_id for c in run.steps[0].cameras],
         steps=steps,
-        objects=[(catalogue[i].name.replace("_", " "), _hex(i)) for i in seen],
+        objects=[(catalogue[i].name.replace("_", " "), hex_of(i)) for i in seen],
         strips=_strips(run),
         reasons=_reasons(run),
         status_colors=STATUS_COLORS,
@@ -177,7 +177,3 @@ def _reasons(run: RunResult) -> list[tuple[str, int]]:
         if camera.reason
     )
     return counts.most_common(SHOWN_REASONS)
-
-
-def _hex(obj_id: int) -> str:
-    return "#" + "".join(f"{channel:02x}" for channel in color_of(obj_id))
