@@ -7,7 +7,7 @@ between points and leaves about a cell of air. A body on the bare table touches 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +43,12 @@ class Body:
     def radius(self) -> float:
         """Greatest distance of a point from the body's origin."""
         return float(np.linalg.norm(self.points, axis=1).max())
+
+
+def standing(body: Body, share: float) -> Body:
+    """The body resting as it was modelled, z up, in this share of all cases."""
+    rests = np.concatenate((np.eye(3)[None], body.rests))
+    return replace(body, rests=rests, likelihoods=np.concatenate(([share], (1 - share) * body.likelihoods)))
 
 
 def body_of(meshes: list[Mesh], rng: np.random.Generator) -> Body:

@@ -11,7 +11,7 @@ import numpy as np
 
 from datagen.config import DatagenConfig
 from datagen.scenes.clutter import ClutterKinds, sample_distractor, sample_occluder
-from datagen.scenes.layout import Table, place
+from datagen.scenes.layout import Table, place, standing
 from datagen.scenes.looks import (
     HDRIS,
     nominal_surface,
@@ -163,7 +163,8 @@ def _sample_poses(
     # Long parts first: a spread needs their places while there is room.
     for obj_id in sorted(loose, key=lambda i: -stock.bodies[i].radius):
         air = floating or bool(rng.uniform() < ranges.air_fraction)
-        poses.append((obj_id, place(table, stock.bodies[obj_id], centre, radius, rng, stack=stack, air=air)))
+        body = standing(stock.bodies[obj_id], ranges.upright_fraction)
+        poses.append((obj_id, place(table, body, centre, radius, rng, stack=stack, air=air)))
     return poses, mounted, centre, radius
 
 

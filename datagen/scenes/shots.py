@@ -73,7 +73,8 @@ def _sample_lens(
     f_number = float(np.exp(rng.uniform(*np.log(config.f_number))))
     # Autofocus picks one of the objects, and errs.
     focus = max(0.1, float(rng.choice(depths) * np.exp(rng.normal(0, 0.1))))
-    return Lens(softness, vignette, focus, f_number)
+    # Of a part of the sensor, the lens would be taken for a shorter one.
+    return Lens(softness, vignette, focus, f_number / config.window)
 
 
 def _sample_motion(config: CameraConfig, camera: Camera, distance: float, rng: np.random.Generator) -> Motion | None:

@@ -26,9 +26,15 @@ def look_at(position: NDArray[np.float64], target: NDArray[np.float64], roll: fl
 
 
 def sample_camera(config: CameraConfig, width: int, height: int, rng: np.random.Generator) -> Camera:
-    """Square pixels, random focal length, principal point within 2 % of the middle."""
-    focal = rng.uniform(*config.focal) * width
-    cx, cy = np.array([width - 1, height - 1]) / 2 + rng.uniform(-0.02, 0.02, size=2) * (width, height)
+    """A window of an image with square pixels, random focal length, and principal point within 2 % of its middle.
+
+    Args:
+        width, height: of the window, pixels.
+    """
+    image = np.array([width, height]) / config.window
+    focal = rng.uniform(*config.focal) * image[0]
+    corner = rng.uniform(0, 1, size=2) * (image - (width, height))
+    cx, cy = (image - 1) / 2 + rng.uniform(-0.02, 0.02, size=2) * image - corner
     return Camera(np.array([[focal, 0, cx], [0, focal, cy], [0, 0, 1]]), width, height)
 
 
@@ -41,7 +47,7 @@ def sample_viewpoint(
     rng: np.random.Generator,
     from_below: bool = False,
 ) -> NDArray[np.float64]:
-    """world_from_camera with one of the targets at the configured distance and about the middle of the image.
+    """world_from_camera with one of the targets at the configured distance and about the middle of the picture.
 
     Args:
         targets: (n, 3) points worth looking at, world.
@@ -50,6 +56,8 @@ def sample_viewpoint(
         from_below: as often as from above.
     """
     low, high = np.sin(np.deg2rad(config.elevation_deg))
+    half_picture = np.array([camera.width, camera.height]) / (2 * camera.matrix[0, 0])
+    middle_from_camera = _onto_axis(camera)
     pose = np.eye(4)
     for _ in range(_TRIES):
         target = targets[rng.integers(len(targets))]
@@ -60,14 +68,24 @@ def sample_viewpoint(
         flat = np.sqrt(1 - height**2)
         outward = np.array([flat * np.cos(azimuth), flat * np.sin(azimuth), height])
         position = target + distance * outward
-        half_image = np.array([camera.width, camera.height]) / (2 * camera.matrix[0, 0])
-        shift = rng.uniform(-1, 1, size=2) * config.off_centre * half_image * distance
+        shift = rng.uniform(-1, 1, size=2) * config.off_centre * half_picture * distance
         aim = target + look_at(position, target)[:3, :2] @ shift
-        pose = look_at(position, aim, np.deg2rad(rng.uniform(-config.roll_deg, config.roll_deg)))
+        roll = np.deg2rad(rng.uniform(-config.roll_deg, config.roll_deg))
+        pose = look_at(position, aim, roll) @ middle_from_camera
         free = np.linalg.norm(obstacles - position, axis=1).min() > _CLEARANCE
         if free and not any(_straddles(camera, pose, cloud) for cloud in clouds):
             break
     return pose
+
+
+def _onto_axis(camera: Camera) -> NDArray[np.float64]:
+    """The least turn (4, 4) that brings the ray through the middle of the picture onto the optical axis."""
+    middle = np.array([camera.width - 1, camera.height - 1, 2]) / 2
+    ray = np.linalg.solve(camera.matrix, middle)
+    x, y, z = ray / np.linalg.norm(ray)
+    flat = np.hypot(x, y)
+    axis = np.array([y, -x, 0.0]) / flat if flat > 0 else np.zeros(3)
+    return se3.from_parts(so3.exp(axis * np.arctan2(flat, z)), np.zeros(3))
 
 
 def _straddles(camera: Camera, world_from_camera: NDArray[np.float64], cloud: NDArray[np.float64]) -> bool:

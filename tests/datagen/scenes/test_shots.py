@@ -97,3 +97,24 @@ def test_black_bodies_go_from_red_to_blue() -> None:
     assert np.ptp(blackbody(6500)) < 0.09
     ratio = [blackbody(k)[0] / blackbody(k)[2] for k in np.linspace(2500, 9000, 40)]
     assert np.all(np.diff(ratio) < 0)
+
+
+def test_windows_lie_all_over_the_image_and_see_what_the_camera_looks_at(stock: Stock) -> None:
+    camera = CameraConfig(window=0.5, focal=(1.0, 1.0), off_centre=0.0, roll_deg=0.0)
+    scene = sample_scene(replace(CONFIG, camera=camera), stock, 0)
+    centres = np.stack([o.world_from_object[:3, 3] for o in scene.objects])
+    principal = np.stack([shot.camera.matrix[:2, 2] for shot in scene.shots])
+    # The image is 640 x 480; its middle may lie half a window beside the picture, and the lens 2 % beside the middle.
+    assert all(shot.camera.matrix[0, 0] == 640 for shot in scene.shots)
+    low, high = principal.min(axis=0), principal.max(axis=0)
+    assert (low > (-0.5 - 13, -0.5 - 10)).all() and (low < (32, 24)).all()
+    assert (high < (319.5 + 13, 239.5 + 10)).all() and (high > (288, 216)).all()
+    for shot in scene.shots:
+        seen = shot.camera.project(se3.act(se3.inverse(shot.world_from_camera), centres))
+        assert np.abs(seen - (159.5, 119.5)).max(axis=1).min() < 1e-6
+
+
+def test_a_window_leaves_the_opening_of_the_lens_as_it_is(stock: Stock) -> None:
+    cameras = [CameraConfig(window=window, f_number=(2.0, 2.0), focused_fraction=1.0) for window in (1.0, 0.5)]
+    whole, window = (sample_scene(replace(CONFIG, camera=camera), stock, 0).shots[0].lens for camera in cameras)
+    assert (whole.f_number, window.f_number) == (2.0, 4.0)
