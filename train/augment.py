@@ -18,6 +18,8 @@ from train.samples import Labels, Picture, Region
 _WHOLE = 0.99
 """Share from which a pixel shows an object and nothing else."""
 
+_MOSAIC_SCALE = (0.5, 1.0)
+
 Labeller = Callable[[Picture, FloatArray, Region], Labels]
 """Labels of a picture drawn by an affine map into a region of the input."""
 
@@ -33,9 +35,8 @@ def warped(
 ) -> tuple[ImageArray, Labels]:
     """One picture turned, zoomed, shifted and sheared at random."""
     whole = Region(0, 0, width, height)
-    fit = Letterbox.fit(picture.image.shape[1], picture.image.shape[0], width, height).scale
-    affine = _random_affine(picture, whole, config, fit * rng.uniform(*config.scale), rng)
-    return _draw(picture.image, affine, whole), label(picture, affine, whole)
+    affine = random_affine(picture, whole, (width, height), config, config.scale, rng)
+    return draw(picture.image, affine, whole), label(picture, affine, whole)
 
 
 def mosaic(
@@ -57,9 +58,8 @@ def mosaic(
     canvas = np.empty((height, width, 3), dtype=np.uint8)
     parts: list[Labels] = []
     for picture, region in zip(pictures, regions, strict=True):
-        fit = Letterbox.fit(picture.image.shape[1], picture.image.shape[0], width, height).scale
-        affine = _random_affine(picture, region, config, fit * rng.uniform(0.5, 1.0), rng)
-        canvas[region.top : region.bottom, region.left : region.right] = _draw(picture.image, affine, region)
+        affine = random_affine(picture, region, (width, height), config, _MOSAIC_SCALE, rng)
+        canvas[region.top : region.bottom, region.left : region.right] = draw(picture.image, affine, region)
         parts.append(label(picture, affine, region))
     return canvas, Labels.joined(parts)
 
@@ -114,11 +114,22 @@ class Photometry:
         return self._compose(image=image)["image"]
 
 
-def _random_affine(
-    picture: Picture, region: Region, config: AugmentConfig, zoom: float, rng: np.random.Generator
+def random_affine(
+    picture: Picture,
+    region: Region,
+    size: tuple[int, int],
+    config: AugmentConfig,
+    scale: tuple[float, float],
+    rng: np.random.Generator,
 ) -> FloatArray:
-    """(3, 3) map of the picture's pixels that brings its centre near the region's centre."""
+    """(3, 3) map of the picture's pixels that brings its centre near the region's centre.
+
+    Args:
+        size: width and height of the canvas, into which the picture fits at a scale of 1.
+        scale: least and greatest.
+    """
     height, width = picture.image.shape[:2]
+    zoom = Letterbox.fit(width, height, *size).scale * rng.uniform(*scale)
     region_width, region_height = region.right - region.left, region.bottom - region.top
     angle = np.deg2rad(rng.uniform(-config.rotate_deg, config.rotate_deg))
     shear = np.tan(np.deg2rad(rng.uniform(-config.shear_deg, config.shear_deg)))
@@ -133,7 +144,7 @@ def _random_affine(
     return affine
 
 
-def _draw(image: ImageArray, affine: FloatArray, region: Region) -> ImageArray:
+def draw(image: ImageArray, affine: FloatArray, region: Region) -> ImageArray:
     """The region's part of the warped picture."""
     local = affine[:2].copy()
     local[:, 2] -= (region.left, region.top)

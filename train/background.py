@@ -12,7 +12,7 @@ from multicam.files import require_folder
 from multicam.types import FloatArray
 from train.augment import with_background
 from train.config import AugmentConfig
-from train.samples import Picture
+from train.samples import Picture, require_masks
 
 
 class Backgrounds:
@@ -42,9 +42,4 @@ def _alpha(record: ImageRecord) -> FloatArray:
     """(h, w) share of each pixel that objects cover, 0..1; hard where the data set has masks only."""
     if record.alpha_path is not None:
         return read_mask(record.alpha_path) / 255
-    if not record.mask_visib_paths:
-        raise DataError(
-            f"image {record.im_id} of scene {record.scene_id} has no mask_visib files, which augment.backgrounds "
-            "needs; leave that option out."
-        )
-    return np.max([read_mask(path) for path in record.mask_visib_paths], axis=0) / 255
+    return np.max([read_mask(path) for path in require_masks(record, "backgrounds")], axis=0) / 255

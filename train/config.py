@@ -174,6 +174,8 @@ class AugmentConfig:
     """Probability of compression."""
     cutout: float = 0.3
     """Probability of patches that hide parts of the picture."""
+    pasted: int = 0
+    """Most objects of other pictures that are pasted into one, in another light; needs visible masks."""
     backgrounds: Path | None = None
     """Folder of pictures put behind the objects of images with masks (for T-LESS's black ones)."""
     background: float = 0.5

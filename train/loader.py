@@ -16,6 +16,7 @@ from torch.utils.data import DataLoader, Dataset, Sampler
 from multicam.types import ImageArray
 from train.augment import Photometry, cutout, letterboxed, mosaic, warped
 from train.background import Backgrounds
+from train.collage import draw_cutting, pasted
 from train.config import AugmentConfig, NetworkConfig
 from train.samples import Labels, Picture, PictureStore, TrainedObject, make_labels
 
@@ -65,6 +66,7 @@ class TrainingSet(Dataset[tuple[ImageArray, Labels]]):
     ) -> None:
         self.store, self.augment, self.seed = store, augment, seed
         self.size = network.input_width, network.input_height
+        self.minimum_visible = minimum_visible
         self.label = partial(_label, objects, minimum_visible)
         self.photometry = Photometry(augment)
         self.backgrounds = Backgrounds(augment) if augment.backgrounds else None
@@ -79,6 +81,8 @@ class TrainingSet(Dataset[tuple[ImageArray, Labels]]):
         if warp and rng.uniform() < self.augment.mosaic:
             others = [self._picture(int(i), rng) for i in rng.integers(len(self.store), size=3)]
             image, labels = mosaic([picture, *others], *self.size, self.augment, rng, self.label)
+        elif warp and self.augment.pasted:
+            image, labels = self._collage(picture, rng)
         elif warp:
             image, labels = warped(picture, *self.size, self.augment, rng, self.label)
         else:
@@ -87,6 +91,11 @@ class TrainingSet(Dataset[tuple[ImageArray, Labels]]):
             donor = self.store[int(rng.integers(len(self.store)))].image
             image, labels = cutout(image, labels, donor, rng)
         return self.photometry(image, rng), labels
+
+    def _collage(self, picture: Picture, rng: np.random.Generator) -> tuple[ImageArray, Labels]:
+        donors = rng.integers(len(self.store), size=int(rng.integers(self.augment.pasted + 1)))
+        cuttings = [cutting for i in donors if (cutting := draw_cutting(self.store[int(i)], rng))]
+        return pasted(picture, cuttings, *self.size, self.augment, rng, self.label, self.minimum_visible)
 
     def _picture(self, index: int, rng: np.random.Generator) -> Picture:
         picture = self.store[index]

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from multicam.dataset.bop_reader import ImageRecord, list_scenes, read_depth, read_image, read_scene
+from multicam.dataset.bop_reader import ImageRecord, list_scenes, read_depth, read_image, read_mask, read_scene
 from multicam.dataset.objects import Catalogue, ObjectModel
 from multicam.errors import DataError
 from multicam.geometry import se3
@@ -48,11 +48,18 @@ class Region:
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """Pixels of one record: image (h, w, 3), depth (h, w) metres or None."""
+    """Pixels of one record.
+
+    Attributes:
+        image: (h, w, 3).
+        depth: (h, w) metres, or None.
+        instances: (h, w) which instance of the record a pixel shows, counted from 1, 0 for none; None if not asked for.
+    """
 
     record: ImageRecord
     image: ImageArray
     depth: NDArray[np.float32] | None
+    instances: NDArray[np.uint8] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +75,9 @@ class Labels:
         cameras: (G, 3, 3) K' = M K, which maps those points to those pixels.
         diameters: (G,) metres.
         poses: (G, 4, 4) canonical camera_from_object.
+        seen: (G,) share of the instance that is visible in the picture.
         ignored: (G,) bool, seen too little to be learnt or to be background.
+        places: (G,) index of the instance in its record.
     """
 
     classes: NDArray[np.int64]
@@ -79,7 +88,9 @@ class Labels:
     cameras: FloatArray
     diameters: FloatArray
     poses: FloatArray
+    seen: FloatArray
     ignored: NDArray[np.bool_]
+    places: NDArray[np.int64]
 
     @classmethod
     def joined(cls, parts: Sequence[Labels]) -> Labels:
@@ -152,28 +163,52 @@ def outline_points(vertices: FloatArray) -> FloatArray:
 class PictureStore:
     """Pictures by index, decoded once and kept where asked."""
 
-    def __init__(self, records: Sequence[ImageRecord], cache: bool, progress: Progress) -> None:
-        self.records = tuple(records)
+    def __init__(
+        self, records: Sequence[ImageRecord], cache: bool, progress: Progress, with_instances: bool = False
+    ) -> None:
+        self.records, self.with_instances = tuple(records), with_instances
         self._kept: list[Picture] = []
         if cache:
-            self._kept = [load_picture(r) for r in progress.track(self.records, "reading pictures")]
+            self._kept = [load_picture(r, with_instances) for r in progress.track(self.records, "reading pictures")]
 
     def __len__(self) -> int:
         return len(self.records)
 
     def __getitem__(self, index: int) -> Picture:
-        return self._kept[index] if self._kept else load_picture(self.records[index])
+        return self._kept[index] if self._kept else load_picture(self.records[index], self.with_instances)
 
 
-def load_picture(record: ImageRecord) -> Picture:
+def load_picture(record: ImageRecord, with_instances: bool = False) -> Picture:
     """Decodes the files of a record.
 
     Raises:
-        DataError: a file is missing or truncated.
+        DataError: a file is missing or truncated, or the record has no visible masks and they are asked for.
     """
     assert record.rgb_path is not None
     depth = None if record.depth_path is None else read_depth(record.depth_path, record.depth_scale)
-    return Picture(record, read_image(record.rgb_path), depth)
+    image = read_image(record.rgb_path)
+    return Picture(record, image, depth, _read_instances(record, image) if with_instances else None)
+
+
+def require_masks(record: ImageRecord, option: str) -> tuple[Path, ...]:
+    """The visible masks of a record, which an option of the augmentation needs.
+
+    Raises:
+        DataError: the data set has none.
+    """
+    if not record.mask_visib_paths:
+        raise DataError(
+            f"image {record.im_id} of scene {record.scene_id} has no mask_visib files, which augment.{option} needs; "
+            "leave that option out."
+        )
+    return record.mask_visib_paths
+
+
+def _read_instances(record: ImageRecord, image: ImageArray) -> NDArray[np.uint8]:
+    instances = np.zeros(image.shape[:2], dtype=np.uint8)
+    for place, path in enumerate(require_masks(record, "pasted")):
+        instances[read_mask(path) > 0] = place + 1
+    return instances
 
 
 def make_labels(
@@ -191,7 +226,8 @@ def make_labels(
     source = Region(0, 0, picture.image.shape[1], picture.image.shape[0])
     rows: list[Labels] = []
     for obj_id in dict.fromkeys(instance.obj_id for instance in record.instances):
-        known, same = objects[obj_id], [i for i in record.instances if i.obj_id == obj_id]
+        known, places = objects[obj_id], [i for i, one in enumerate(record.instances) if one.obj_id == obj_id]
+        same = [record.instances[i] for i in places]
         # The warped picture is what an upright camera sees of the turned object; labels follow what is seen.
         poses = turn @ np.stack([instance.camera_from_object for instance in same])
         poses = known.canonical.canonical(poses)
@@ -203,7 +239,7 @@ def make_labels(
         hidden = _hidden(picture.depth, record.camera_matrix, se3.act(in_source, known.keypoints))
         seen = np.array([1.0 if i.visible_fraction is None else i.visible_fraction for i in same])
         # The visible fraction of the record already counts what its own border cuts off.
-        kept = region.share(boxes) / np.maximum(source.share(source_boxes), 1e-6)
+        seen *= np.minimum(region.share(boxes) / np.maximum(source.share(source_boxes), 1e-6), 1)
         rows.append(
             Labels(
                 classes=np.full(len(same), known.index),
@@ -214,7 +250,9 @@ def make_labels(
                 cameras=np.repeat(upright[None], len(same), axis=0),
                 diameters=np.full(len(same), known.model.diameter),
                 poses=poses,
-                ignored=seen * np.minimum(kept, 1) < minimum_visible,
+                seen=seen,
+                ignored=seen < minimum_visible,
+                places=np.array(places),
             )
         )
     return Labels.joined(rows)

@@ -1,0 +1,161 @@
+"""Objects cut out of other pictures and pasted over a picture: other neighbours, grounds, light and occlusions.
+
+One render serves many times this way (Dwibedi et al. 2017, "Cut, paste and learn"). Each pasted object is drawn by an
+affine map M of its own, so its labels are exact under K' = M K.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from multicam.types import FloatArray, ImageArray
+from train.augment import Labeller, draw, random_affine
+from train.config import AugmentConfig
+from train.samples import Labels, Picture, Region
+
+LEAST_SEEN = 0.5
+"""Objects seen less in their own picture are not cut out: a pasted half would look like an object of its own."""
+_MARGIN = 2
+_WHOLLY = 0.5
+"""Share from which a cutting hides what is behind it."""
+_GAIN, _GAMMA, _TINT = 0.3, 0.2, 0.06
+"""Standard deviations of the logarithms of brightness, contrast and colour of a pasted object."""
+
+
+@dataclass(frozen=True, eq=False)
+class Cutting:
+    """One instance of a picture.
+
+    Attributes:
+        place: in the picture's record.
+        corner: (2,) pixel of the picture that is the patch's first.
+        patch: (h, w, 3) uint8, the instance and a margin; coverage: (h, w) float32, the share of each pixel it covers.
+    """
+
+    picture: Picture
+    place: int
+    corner: FloatArray
+    patch: ImageArray
+    coverage: NDArray[np.float32]
+
+    @classmethod
+    def of(cls, picture: Picture, place: int) -> Cutting:
+        """Cuts out an instance of a picture that has its instances.
+
+        Pixels at an outline are mixtures with the old background, so the outline is drawn in by half a pixel.
+        """
+        assert picture.instances is not None
+        mask = (picture.instances == place + 1).astype(np.float32)
+        x, y, width, height = cv2.boundingRect(mask.astype(np.uint8))
+        left, top = max(x - _MARGIN, 0), max(y - _MARGIN, 0)
+        part = np.s_[top : y + height + _MARGIN, left : x + width + _MARGIN]
+        inner = np.clip(2 * cv2.blur(mask, (3, 3), borderType=cv2.BORDER_REPLICATE)[part] - 1, 0, 1)
+        return cls(picture, place, np.array([left, top], dtype=np.float64), picture.image[part], inner)
+
+    @property
+    def middle(self) -> FloatArray:
+        """(2,) of the patch, pixels of the picture."""
+        return self.corner + (np.array(self.patch.shape[1::-1]) - 1) / 2
+
+
+def draw_cutting(picture: Picture, rng: np.random.Generator) -> Cutting | None:
+    """An instance of the picture that is worth cutting out, if there is one."""
+    assert picture.instances is not None
+    shown = np.bincount(picture.instances.ravel(), minlength=256) > 0
+    worth = [
+        place
+        for place, instance in enumerate(picture.record.instances)
+        if shown[place + 1] and (instance.visible_fraction is None or instance.visible_fraction >= LEAST_SEEN)
+    ]
+    return Cutting.of(picture, int(rng.choice(worth))) if worth else None
+
+
+class Collage:
+    """A picture on which cuttings are pasted one after the other, each in front of what is there."""
+
+    def __init__(self, image: ImageArray, labels: Labels, instances: NDArray[np.uint8]) -> None:
+        """Starts with a drawn picture, its labels, and which instance of its record (from 1) each pixel shows."""
+        self.image, self._instances = image.copy(), instances
+        self._labels = [labels]
+        self._level = np.zeros(image.shape[:2], dtype=np.uint8)
+        counts = np.bincount(instances.ravel(), minlength=256)
+        self._drawn = [counts[labels.places + 1]]
+
+    def paste(self, cutting: Cutting, affine: FloatArray, label: Labeller, rng: np.random.Generator) -> None:
+        """Draws a cutting by the map `affine` (3, 3) from its picture's pixels to the canvas, in a light of its own."""
+        height, width = self.image.shape[:2]
+        local = affine.copy()
+        local[:2, 2] += affine[:2, :2] @ cutting.corner
+        ends = np.array([(x, y) for x in (0, cutting.patch.shape[1]) for y in (0, cutting.patch.shape[0])])
+        reached = ends @ local[:2, :2].T + local[:2, 2]
+        left, top = np.maximum(np.floor(reached.min(axis=0)), 0).astype(int)
+        right, bottom = np.minimum(np.ceil(reached.max(axis=0)) + 1, (width, height)).astype(int)
+        if right <= left or bottom <= top:
+            return
+        local[:2, 2] -= (left, top)
+        size, part = (int(right - left), int(bottom - top)), np.s_[top:bottom, left:right]
+        patch = cv2.warpAffine(_relit(cutting.patch, rng), local[:2], size, borderMode=cv2.BORDER_REPLICATE)
+        alpha = cv2.warpAffine(cutting.coverage, local[:2], size)
+        behind = self.image[part].astype(np.float32)
+        self.image[part] = np.rint(behind + alpha[..., None] * (patch - behind))
+        over = alpha > _WHOLLY
+        self._level[part][over] = len(self._labels)
+        self._drawn.append(np.array([np.count_nonzero(over)]))
+        record = cutting.picture.record
+        alone = replace(record, instances=(record.instances[cutting.place],))
+        self._labels.append(label(replace(cutting.picture, record=alone), affine, Region(0, 0, width, height)))
+
+    def labels(self, minimum_visible: float) -> Labels:
+        """Of all that is on the canvas; what later cuttings hide is hidden."""
+        counts = np.bincount(self._instances[self._level == 0], minlength=256)
+        parts: list[Labels] = []
+        for level, labels in enumerate(self._labels):
+            left = counts[labels.places + 1] if level == 0 else np.array([np.count_nonzero(self._level == level)])
+            seen = labels.seen * left / np.maximum(self._drawn[level], 1)
+            visible = labels.visible & ~self._covered(labels.keypoints, level)
+            parts.append(replace(labels, visible=visible, seen=seen, ignored=seen < minimum_visible))
+        return Labels.joined(parts)
+
+    def _covered(self, keypoints: FloatArray, level: int) -> NDArray[np.bool_]:
+        """Whether something pasted later lies over pixels (..., 2)."""
+        height, width = self._level.shape
+        pixels = np.rint(keypoints).astype(int)
+        inside = Region(0, 0, width, height).contains(keypoints)
+        x, y = np.where(inside[..., None], pixels, 0).transpose(2, 0, 1)
+        return inside & (self._level[y, x] > level)
+
+
+def pasted(
+    base: Picture,
+    cuttings: list[Cutting],
+    width: int,
+    height: int,
+    config: AugmentConfig,
+    rng: np.random.Generator,
+    label: Labeller,
+    minimum_visible: float,
+) -> tuple[ImageArray, Labels]:
+    """A warped picture with cuttings on it, each turned and zoomed at random and anywhere on the canvas."""
+    assert base.instances is not None
+    whole = Region(0, 0, width, height)
+    size = (width, height)
+    affine = random_affine(base, whole, size, config, config.scale, rng)
+    instances = cv2.warpAffine(base.instances, affine[:2], size, flags=cv2.INTER_NEAREST)
+    collage = Collage(draw(base.image, affine, whole), label(base, affine, whole), instances)
+    for cutting in cuttings:
+        affine = random_affine(cutting.picture, whole, size, config, config.scale, rng)
+        affine[:2, 2] += rng.uniform(0, 1, 2) * size - (affine @ (*cutting.middle, 1.0))[:2]
+        collage.paste(cutting, affine, label, rng)
+    return collage.image, collage.labels(minimum_visible)
+
+
+def _relit(patch: ImageArray, rng: np.random.Generator) -> ImageArray:
+    """The same under another light: brighter or darker, harder or softer, warmer or colder."""
+    gain = np.exp(rng.normal(0, _GAIN) + rng.normal(0, _TINT, 3))
+    values = (np.arange(256)[:, None] / 255) ** np.exp(rng.normal(0, _GAMMA)) * gain
+    table = np.rint(np.minimum(255 * values, 255)).astype(np.uint8)
+    return cv2.LUT(patch, table[None])
