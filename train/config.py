@@ -43,13 +43,26 @@ class NetworkConfig:
     """Pixels, a multiple of 32."""
     input_height: int = 640
     """Pixels, a multiple of 32; need not equal the width."""
+    window_width: int = 0
+    """Pixels, a multiple of 32, of a picture in training where that is a window of what the network will see, as
+    camera.window of the renderer makes them; 0 for the whole input."""
+    window_height: int = 0
+    """See window_width."""
 
     def __post_init__(self) -> None:
-        if self.input_width % 32 or self.input_height % 32 or min(self.input_width, self.input_height) < 64:
-            raise ConfigError(
-                f"the network's input must be at least 64 and a multiple of 32 on each side; "
-                f"{self.input_width} x {self.input_height} is not."
-            )
+        for what, (width, height) in {
+            "input": (self.input_width, self.input_height), "window": self.training_size
+        }.items():  # fmt: skip
+            if width % 32 or height % 32 or min(width, height) < 64:
+                raise ConfigError(
+                    f"the network's {what} must be at least 64 and a multiple of 32 on each side; "
+                    f"{width} x {height} is not."
+                )
+
+    @property
+    def training_size(self) -> tuple[int, int]:
+        """Width and height of a picture in training."""
+        return self.window_width or self.input_width, self.window_height or self.input_height
 
     def model_config(self, catalogue: Catalogue) -> ModelConfig:
         """The network for the classes of a catalogue.

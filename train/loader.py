@@ -65,7 +65,7 @@ class TrainingSet(Dataset[tuple[ImageArray, Labels]]):
         seed: int,
     ) -> None:
         self.store, self.augment, self.seed = store, augment, seed
-        self.size = network.input_width, network.input_height
+        self.size = network.training_size
         self.minimum_visible = minimum_visible
         self.label = partial(_label, objects, minimum_visible)
         self.photometry = Photometry(augment)
