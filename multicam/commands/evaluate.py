@@ -1,31 +1,42 @@
-"""`multicam evaluate`: errors of a run, or of single-view estimates, against ground truth."""
+"""`multicam evaluate`: errors of a run, of single-view estimates or of a network, against ground truth."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from rich.console import Console
 
+from multicam.commands.candidates import read_candidates
+from multicam.commands.evaluate_split import PAGE, ask_network, by_image, report_split, spread
 from multicam.commands.run import ESTIMATES, RESULTS, write_report
-from multicam.config import parse_command
+from multicam.config import parse_command, save_config
 from multicam.dataset.objects import load_catalogue
-from multicam.dataset.results import read_results
+from multicam.dataset.results import Estimates, read_results, write_results
 from multicam.dataset.runs import read_run
 from multicam.dataset.sequence import load_recording
 from multicam.errors import ConfigError
+from multicam.evaluation.points import PointSets
 from multicam.evaluation.report import Table, render_text, save_report
 from multicam.evaluation.run_error import evaluate_run
-from multicam.evaluation.single_view import evaluate_estimates, read_split, single_view_table
+from multicam.evaluation.selection import LEAST_VISIBLE, Selection
+from multicam.evaluation.single_view import read_split
+from multicam.evaluation.single_view_tables import single_view_table
+from multicam.evaluation.split_error import evaluate_split
 from multicam.evaluation.tables import camera_table, coverage_table, object_table, statements, time_table
 from multicam.files import require_folder
+from multicam.inference.estimator import EstimatorConfig
+from multicam.inference.session import SessionConfig
 from multicam.progress import Progress, RichProgress
+
+CONFIG = "evaluation.config.yaml"
+"""The resolved configuration, beside the figures of a split."""
 
 
 @dataclass(frozen=True)
 class EvaluateConfig:
-    """Give either a run, or candidates with their data set."""
+    """Give one of a run, candidates with their data set, or a network with a data set."""
 
     run: Path | None = None
     """Folder written by `multicam run`; its report.html is written again, with the errors."""
@@ -33,32 +44,53 @@ class EvaluateConfig:
     """The run's recording, if it has moved since."""
     candidates: Path | None = None
     """Single-view estimates in BOP results format (CSV, or gzipped)."""
+    network: Path | None = None
+    """Network file written by `multicam export`; it and PnP are run on the images, and estimates.csv is written."""
     dataset: Path | None = None
-    """BOP data set of the candidates: models/ and splits."""
+    """BOP data set of the candidates or for the network: models/ and splits."""
     split: str = "test"
     """Split of the data set."""
+    limit: int | None = None
+    """Judge at most this many images, evenly spread over the split."""
+    distance: tuple[float, float] | None = None
+    """Judge only objects that are this far from the camera, metres: from the first number up to the second."""
+    least_visible: float = LEAST_VISIBLE
+    """Judge only objects of which at least this fraction is seen."""
     output: Path | None = None
-    """Folder for evaluation.txt, .json and .csv; beside the run or the candidates if not given."""
+    """Folder for the figures; beside the run or the candidates if not given, runs/evaluate for a network."""
+    session: SessionConfig = field(default_factory=SessionConfig)
+    """Where the network runs."""
+    estimator: EstimatorConfig = field(default_factory=EstimatorConfig)
+    """From pixels to poses."""
+
+    @property
+    def selection(self) -> Selection:
+        """The objects to judge."""
+        return Selection(*(self.distance or ()), least_visible=self.least_visible)
 
 
 def main(argv: list[str]) -> None:
     """Parses the flags, evaluates and prints the tables.
 
     Raises:
-        ConfigError: the flags name neither a run nor candidates with their data set, or both.
+        ConfigError: the flags name none or several of run, candidates and network, or no data set.
     """
     config = parse_command(EvaluateConfig, argv, "multicam evaluate", "Errors of poses against ground truth.")
     console = Console(highlight=False, markup=False, soft_wrap=True)
-    if config.run is not None and config.candidates is None:
+    given = sum(path is not None for path in (config.run, config.candidates, config.network))
+    if given == 1 and config.run is not None:
         console.print(evaluate_recorded(config.run, config.recording, config.output or config.run, RichProgress()))
         console.print(f"\nReport: {config.run / 'report.html'}")
-    elif config.run is None and config.candidates is not None and config.dataset is not None:
-        output = config.output or config.candidates.parent
-        table = evaluate_candidates(config.candidates, config.dataset, config.split, RichProgress())
-        save_report(output, "evaluation", [table])
-        console.print(render_text([table]))
+    elif given == 1 and config.dataset is not None:
+        beside = Path("runs/evaluate") if config.candidates is None else config.candidates.parent
+        folder = config.output or beside
+        console.print(evaluate_dataset(config, config.dataset, folder, RichProgress()))
+        console.print(f"\nReport: {folder / PAGE}")
     else:
-        raise ConfigError("give either --run DIR, or --candidates results.csv together with --dataset DIR.")
+        raise ConfigError(
+            "give either --run DIR, or --candidates results.csv together with --dataset DIR, or --network net.onnx "
+            "together with --dataset DIR."
+        )
 
 
 def evaluate_recorded(folder: Path, recording_folder: Path | None, output: Path, progress: Progress) -> str:
@@ -84,13 +116,31 @@ def evaluate_recorded(folder: Path, recording_folder: Path | None, output: Path,
     return render_text(tables) + "\n" + "\n".join([*facts, *(f"Warning: {text}" for text in warnings)])
 
 
-def evaluate_candidates(candidates: Path, dataset: Path, split: str, progress: Progress) -> Table:
-    """Judges single-view estimates against a split.
+def evaluate_dataset(config: EvaluateConfig, dataset: Path, folder: Path, progress: Progress) -> str:
+    """Judges candidates or a network against a split; writes the figures and the page.
+
+    Returns:
+        Tables and statements as text.
 
     Raises:
         DataError: files missing or malformed, or estimates that do not belong to the split.
+        ModelError: not a network of ours, or one for other objects.
+        ConfigError: a selection that holds nothing.
     """
-    estimates = read_results(candidates)
+    selection = config.selection
     catalogue = load_catalogue(require_folder(dataset, "data set folder"))
-    records = read_split(dataset / split, estimates)
-    return single_view_table(evaluate_estimates(estimates, records, catalogue, progress), catalogue)
+    split = dataset / config.split
+    given: Estimates = {} if config.candidates is None else read_candidates(config.candidates, catalogue)
+    records = spread(read_split(split, given), config.limit)
+    subtitle = [f"Estimates {config.candidates}", f"Pictures {split}"]
+    if config.network is None:
+        errors = evaluate_split(records, given, None, PointSets(catalogue), selection, progress)
+    else:
+        rows, answers = ask_network(
+            config.network, config.session, config.estimator, records, catalogue, dataset / "models", progress
+        )
+        subtitle[0] = f"Network {config.network}"
+        errors = evaluate_split(records, by_image(rows), answers, PointSets(catalogue), selection, progress)
+        write_results(folder / ESTIMATES, rows)
+    save_config(config, folder / CONFIG)
+    return report_split(folder, errors, subtitle, progress)

@@ -15,11 +15,12 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
+from multicam.commands.candidates import read_candidates
 from multicam.commands.view_groups import ViewGroup, prediction, read_groups, write_predictions
 from multicam.config import load_config, parse_command, save_config
 from multicam.dataset.bop_reader import read_camera_matrices
 from multicam.dataset.objects import Catalogue, load_catalogue
-from multicam.dataset.results import Estimates, read_results
+from multicam.dataset.results import Estimates
 from multicam.errors import ConfigError, DataError
 from multicam.files import require_file, require_folder
 from multicam.matching.learned import NoiseModel
@@ -33,9 +34,6 @@ Task = tuple[ViewGroup, tuple[View, ...]]
 
 CHUNK = 8
 """Groups handed to a worker at a time."""
-
-NEAREST = 0.1
-"""Objects are seen from further than this share of their diameter; a thousandth of their distance is less."""
 
 
 @dataclass(frozen=True)
@@ -86,11 +84,9 @@ def register_groups(config: RegisterConfig, progress: Progress) -> str:
     """
     catalogue = load_catalogue(require_folder(config.dataset, "data set folder"))
     groups = read_groups(config.groups)
-    estimates = read_results(config.candidates)
+    estimates = read_candidates(config.candidates, catalogue)
     if not estimates:
         raise DataError(f"{config.candidates} holds its header and no estimate; there is nothing to register.")
-    _refuse_unknown_classes(estimates, catalogue, config.candidates)
-    _refuse_metres(estimates, catalogue, config.candidates)
     tasks = list(_tasks(groups, estimates, config.dataset / config.split))
     summary = Summary()
     with _mapper(config.workers or os.cpu_count() or 1) as mapper:
@@ -110,30 +106,6 @@ def _noise(
         return load_config(NoiseModel, require_file(config.noise, "noise file"))
     views = [views for _, views in tasks]
     return learn_noise(views, catalogue, config.registration, config.learning, mapper, progress)
-
-
-def _refuse_unknown_classes(estimates: Estimates, catalogue: Catalogue, path: Path) -> None:
-    for (scene_id, im_id), found in estimates.items():
-        unknown = sorted({estimate.obj_id for estimate in found if estimate.obj_id not in catalogue})
-        if unknown:
-            known = ", ".join(map(str, catalogue.obj_ids))
-            raise DataError(
-                f"{path} holds an estimate of class {unknown[0]} (scene {scene_id}, image {im_id}), which "
-                f"models_info.json does not name; it names {known}."
-            )
-
-
-def _refuse_metres(estimates: Estimates, catalogue: Catalogue, path: Path) -> None:
-    distances = [
-        float(np.linalg.norm(estimate.camera_from_object[:3, 3])) / catalogue[estimate.obj_id].diameter
-        for found in estimates.values()
-        for estimate in found
-    ]
-    if distances and float(np.median(distances)) < NEAREST:
-        raise DataError(
-            f"{path}: half of the objects are nearer to their camera than {np.median(distances):.2g} of their own "
-            "diameter; translations must be in millimetres (BOP format), are they in metres?"
-        )
 
 
 def _tasks(groups: Sequence[ViewGroup], estimates: Estimates, split: Path) -> Iterator[Task]:

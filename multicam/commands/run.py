@@ -102,7 +102,7 @@ def run(config: RunConfig, progress: Progress, watch: Watch | None = None) -> Ru
     recording = load_recording(config.recording)
     network = Network(config.network, config.session)
     catalogue = network.metadata.catalogue()
-    check_objects(catalogue, recording, config.network)
+    check_objects(catalogue, recording.catalogue, recording.folder / "models", config.network)
     estimate = network_estimate(Estimator(network, config.estimator))
     return run_recording(recording, estimate, catalogue, config, progress, watch)
 
@@ -212,21 +212,24 @@ def network_estimate(estimator: Estimator) -> Estimate:
     return estimate
 
 
-def check_objects(known: Catalogue, recording: Recording, network: Path) -> None:
-    """Compares the network's classes with the recording's models.
+def check_objects(known: Catalogue, catalogue: Catalogue, models: Path, network: Path) -> None:
+    """Compares a network's classes with the objects of a data set.
+
+    Args:
+        known: the network's; catalogue: the data set's; models, network: where they come from.
 
     Raises:
-        ModelError: the recording lacks a class of the network, or has another object under its number.
+        ModelError: the data set lacks a class of the network, or has another object under its number.
     """
     for model in known.objects.values():
-        if model.obj_id not in recording.catalogue:
+        if model.obj_id not in catalogue:
             raise ModelError(
-                f"{network} knows object {model.obj_id} ({model.name}), which {recording.folder / 'models'} lacks: "
-                "run it on recordings of the objects it was trained on."
+                f"{network} knows object {model.obj_id} ({model.name}), which {models} lacks: "
+                "run it on pictures of the objects it was trained on."
             )
-        other = recording.catalogue[model.obj_id]
+        other = catalogue[model.obj_id]
         if not 0.95 < other.diameter / model.diameter < 1.05:
             raise ModelError(
                 f"object {model.obj_id} is {model.name}, {model.diameter * 1000:.0f} mm across, in {network} but "
-                f"{other.name}, {other.diameter * 1000:.0f} mm, in {recording.folder / 'models'}."
+                f"{other.name}, {other.diameter * 1000:.0f} mm, in {models}."
             )

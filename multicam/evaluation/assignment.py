@@ -5,6 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import TypeVar
 
+import numpy as np
+from numpy.typing import NDArray
+
+from multicam.types import FloatArray
+
 Estimated = TypeVar("Estimated")
 True_ = TypeVar("True_")
 
@@ -24,3 +29,28 @@ def assign_greedily(
         best = min(errors, key=errors.__getitem__)
         answers[best] = index, errors[best]
     return answers
+
+
+def found_below(errors: FloatArray, threshold: float) -> NDArray[np.bool_]:
+    """Which truths count as found at a threshold of correctness; BOP's rule for recall.
+
+    By falling score, each estimate takes the truth with the least error among those still free, if that error is below
+    the threshold; otherwise it takes none, and the truth is left to the estimates after it.
+
+    Args:
+        errors: (estimates, truths), rows in order of falling score and no more of them than truths.
+
+    Returns:
+        (truths,) bool.
+    """
+    found = np.zeros(errors.shape[1], dtype=np.bool_)
+    for row in errors:
+        left = np.where(found, np.inf, row)
+        best = int(np.argmin(left))
+        found[best] |= bool(left[best] < threshold)
+    return found
+
+
+def found_share(errors: FloatArray, thresholds: Sequence[float]) -> FloatArray:
+    """(truths,) share of the thresholds at which each is found; its mean over truths is BOP's average recall."""
+    return np.mean([found_below(errors, threshold) for threshold in thresholds], axis=0)

@@ -10,11 +10,15 @@ import numpy as np
 from jaxtyping import Float64
 from scipy.spatial import KDTree
 
+from multicam.evaluation import compiled
 from multicam.geometry import se3
 from multicam.geometry.camera import Camera
 
 Pose = Float64[np.ndarray, "4 4"]
 Points = Float64[np.ndarray, "n 3"]
+
+_SLACK = 0.001
+"""Share by which a nearest distance may be too large: far fewer points are then looked at where a pose is far off."""
 
 
 def add(estimated: Pose, true: Pose, points: Points) -> float:
@@ -22,24 +26,35 @@ def add(estimated: Pose, true: Pose, points: Points) -> float:
     return float(np.linalg.norm(se3.act(estimated, points) - se3.act(true, points), axis=1).mean())
 
 
-def add_s(estimated: Pose, true: Pose, points: Points) -> float:
-    """ADD-S: mean distance from each point under the true pose to the nearest one under the estimated pose."""
-    distances, _ = KDTree(se3.act(estimated, points)).query(se3.act(true, points))
+def add_s(estimated: Pose, true: Pose, points: Points, tree: KDTree | None = None) -> float:
+    """ADD-S: mean distance from each point under the true pose to the nearest one under the estimated pose.
+
+    Args:
+        tree: of the same points, where many poses are judged.
+    """
+    # Seen from the object, the estimated points stay where they are.
+    moved = se3.act(se3.inverse(estimated) @ true, points)
+    distances, _ = (tree or KDTree(points)).query(moved, eps=_SLACK, workers=-1)
     return float(np.mean(distances))
 
 
 def mssd(estimated: Pose, true: Pose, symmetries: Float64[np.ndarray, "count 4 4"], points: Points) -> float:
     """MSSD: greatest distance of any point, at the symmetry of the object for which that is least."""
-    shifts = se3.act(estimated, points) - se3.act(true @ symmetries, points)
-    return float(np.linalg.norm(shifts, axis=-1).max(axis=-1).min())
+    return float(compiled.least_greatest_distance(se3.act(estimated, points), true @ symmetries, points))
 
 
 def mspd(
     estimated: Pose, true: Pose, symmetries: Float64[np.ndarray, "count 4 4"], points: Points, camera: Camera
 ) -> float:
-    """MSPD: as MSSD, between projections, in pixels; infinite if the estimate has a point behind the camera."""
+    """MSPD: as MSSD, between projections, in pixels; infinite if the estimate has a point behind the camera.
+
+    Raises:
+        ValueError: the lens has distortion, which BOP pictures have not.
+    """
+    if camera.distortion:
+        raise ValueError("projections are compared as an ideal lens makes them: use camera.without_distortion()")
     placed = se3.act(estimated, points)
     if np.any(placed[:, 2] <= 0):
         return float("inf")
-    shifts = camera.project(placed) - camera.project(se3.act(true @ symmetries, points))
-    return float(np.linalg.norm(shifts, axis=-1).max(axis=-1).min())
+    projections = camera.matrix @ (true @ symmetries)[:, :3]
+    return float(compiled.least_greatest_shift(camera.project(placed), projections, points))

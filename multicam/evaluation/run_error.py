@@ -15,7 +15,8 @@ from multicam.dataset.sequence import Recording
 from multicam.evaluation.assignment import assign_greedily
 from multicam.evaluation.camera_error import CameraError, camera_error
 from multicam.evaluation.points import PointSets
-from multicam.evaluation.single_view import LEAST_VISIBLE, ObjectErrors, evaluate_estimates
+from multicam.evaluation.selection import ASKED
+from multicam.evaluation.single_view import ObjectErrors, evaluate_estimates
 from multicam.geometry import se3
 from multicam.progress import Progress
 from multicam.types import FloatArray
@@ -84,11 +85,7 @@ class Truth:
         """(class, true world_from_object) of what a picture shows well enough."""
         record = self.record(camera_id, timestamp_ns)
         world_from_camera = self.camera(camera_id, timestamp_ns)
-        return [
-            (i.obj_id, world_from_camera @ i.camera_from_object)
-            for i in record.instances
-            if i.visible_fraction is None or i.visible_fraction >= LEAST_VISIBLE
-        ]
+        return [(i.obj_id, world_from_camera @ i.camera_from_object) for i in record.instances if ASKED.takes(i)]
 
 
 def evaluate_run(run: RunResult, estimates: Estimates, recording: Recording, progress: Progress) -> RunErrors:
@@ -127,7 +124,7 @@ def evaluate_run(run: RunResult, estimates: Estimates, recording: Recording, pro
         {pair: tuple(errors) for pair, errors in pairs.items()},
         *_headset_errors(run, truth),
         {obj_id: tuple(errors) for obj_id, errors in sorted(objects.items())},
-        evaluate_estimates(estimates, pictures, recording.catalogue, progress),
+        evaluate_estimates(estimates, pictures, points, progress),
     )
 
 

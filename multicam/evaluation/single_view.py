@@ -2,45 +2,52 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from multicam.dataset.bop_reader import ImageRecord, list_scenes, read_image, read_scene
-from multicam.dataset.objects import Catalogue
+from multicam.dataset.bop_reader import ImageRecord, Instance, list_scenes, read_depth, read_image, read_scene
 from multicam.dataset.results import Estimates
 from multicam.errors import DataError
 from multicam.evaluation import pose_error
-from multicam.evaluation.assignment import assign_greedily
+from multicam.evaluation.assignment import assign_greedily, found_share
 from multicam.evaluation.points import PointSets
-from multicam.evaluation.recall import BOP_PIXELS, BOP_SHARES, auc_posecnn, average_recall, median, recall
-from multicam.evaluation.report import Cell, Column, Table, mean_cell
+from multicam.evaluation.recall import BOP_PIXELS, BOP_SHARES
+from multicam.evaluation.selection import ASKED
+from multicam.evaluation.surface import TAUS, distances, drawn_distances, vsd
 from multicam.geometry.camera import Camera
 from multicam.progress import Progress
-from multicam.types import ObjectEstimate
-
-LEAST_VISIBLE = 0.1
-"""Objects of which less than this fraction is seen are not asked for (BOP)."""
+from multicam.types import FloatArray, ObjectEstimate
 
 BOP_WIDTH = 640
 """Image width to which pixel errors are scaled."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ObjectErrors:
     """Errors of one true object and its estimate; infinite where there is none.
 
     Attributes:
-        add: ADD(-S), metres.
-        mssd: metres.
+        record: the image; truth: the object in it; estimate: what answers for it, or None.
+        add, add_s, add_or_add_s, mssd: metres.
         mspd: pixels of an image 640 wide.
+        mssd_share, mspd_share: share of BOP's thresholds at which the object counts as found.
+        vsd_share: the same over all tolerances and thresholds; None where there was no depth image.
     """
 
+    record: ImageRecord
+    truth: Instance
+    estimate: ObjectEstimate | None = None
     add: float = float("inf")
+    add_s: float = float("inf")
+    add_or_add_s: float = float("inf")
     mssd: float = float("inf")
     mspd: float = float("inf")
+    mssd_share: float = 0.0
+    mspd_share: float = 0.0
+    vsd_share: float | None = None
 
 
 def read_split(split: Path, estimates: Estimates) -> list[ImageRecord]:
@@ -57,86 +64,124 @@ def read_split(split: Path, estimates: Estimates) -> list[ImageRecord]:
 
 
 def evaluate_estimates(
-    estimates: Estimates, records: Sequence[ImageRecord], catalogue: Catalogue, progress: Progress
+    estimates: Estimates, records: Sequence[ImageRecord], points: PointSets, progress: Progress, surfaces: bool = False
 ) -> dict[int, list[ObjectErrors]]:
     """Errors by class over some images; estimates for other images are ignored.
 
+    Args:
+        surfaces: compare visible surfaces too (VSD); every image must then have its depth.
+
     Raises:
-        DataError: classes that the catalogue lacks; images without truth or intrinsics.
+        DataError: classes that the catalogue lacks; images without truth, intrinsics or, if asked for, depth.
     """
-    points = PointSets(catalogue)
-    symmetries = {obj_id: catalogue[obj_id].symmetries.transforms() for obj_id in catalogue.obj_ids}
     errors: dict[int, list[ObjectErrors]] = {}
     for record in progress.track(records, "evaluating", len(records)):
         found = estimates.get((record.scene_id, record.im_id), [])
-        for obj_id, rows in _image_errors(record, found, points, symmetries).items():
-            errors.setdefault(obj_id, []).extend(rows)
+        for row in _image_errors(record, found, points, surfaces):
+            errors.setdefault(row.truth.obj_id, []).append(row)
     return dict(sorted(errors.items()))
 
 
-def single_view_table(errors: Mapping[int, Sequence[ObjectErrors]], catalogue: Catalogue) -> Table:
-    """One row per class and a mean over classes."""
-    rows: list[tuple[Cell, ...]] = []
-    for obj_id, found in errors.items():
-        model = catalogue[obj_id]
-        adds, shares, pixels = ([getattr(e, name) for e in found] for name in ("add", "mssd", "mspd"))
-        rows.append(
-            (
-                model.name,
-                len(found),
-                100 * float(np.mean(np.isfinite(adds))),
-                100 * recall(adds, 0.1 * model.diameter),
-                100 * auc_posecnn(adds),
-                100 * average_recall(np.array(shares) / model.diameter, BOP_SHARES),
-                100 * average_recall(pixels, BOP_PIXELS),
-                1000 * median(adds),
-            )
-        )
-    if rows:
-        means = [mean_cell(row[i] for row in rows) for i in range(2, 7)]
-        rows.append(("mean of classes", sum(len(found) for found in errors.values()), *means, None))
-    names = ("object", "asked", "found %", "within 0.1 d %", "AUC %", "AR MSSD %", "AR MSPD %", "median mm")
-    columns = tuple(Column(name, 0 if i < 3 else 1) for i, name in enumerate(names))
-    note = (
-        "ADD, or ADD-S for symmetric objects; a missing estimate is an infinite error. Objects less than 10 % visible "
-        "are not asked for. AUC: up to 100 mm, as in PoseCNN. AR: BOP's thresholds."
-    )
-    return Table("Single-view object errors", columns, tuple(rows), note)
+def camera_of(record: ImageRecord) -> Camera:
+    """Intrinsics of an image; its size is read from the picture.
 
-
-def _image_errors(
-    record: ImageRecord,
-    estimates: Sequence[ObjectEstimate],
-    points: PointSets,
-    symmetries: Mapping[int, np.ndarray],
-) -> dict[int, list[ObjectErrors]]:
-    asked = [i for i in record.instances if i.visible_fraction is None or i.visible_fraction >= LEAST_VISIBLE]
-    if not asked:
-        return {}
-    camera = _camera(record)
-    errors: dict[int, list[ObjectErrors]] = {}
-    for obj_id in sorted({instance.obj_id for instance in asked}):
-        truths = [i.camera_from_object for i in asked if i.obj_id == obj_id]
-        ranked = sorted((e for e in estimates if e.obj_id == obj_id), key=lambda e: -e.score)
-        found = [e.camera_from_object for e in ranked]
-
-        def distance(estimated: np.ndarray, true: np.ndarray, obj_id: int = obj_id) -> float:
-            return pose_error.mssd(estimated, true, symmetries[obj_id], points[obj_id])
-
-        answers = assign_greedily(found, truths, distance)
-        for answer, true in zip(answers, truths, strict=True):
-            row = ObjectErrors()
-            if answer is not None:
-                pose = found[answer[0]]
-                pixels = pose_error.mspd(pose, true, symmetries[obj_id], points[obj_id], camera)
-                add = points.add_or_add_s(obj_id, pose, true)
-                row = ObjectErrors(add, answer[1], pixels * BOP_WIDTH / camera.width)
-            errors.setdefault(obj_id, []).append(row)
-    return errors
-
-
-def _camera(record: ImageRecord) -> Camera:
+    Raises:
+        DataError: the image lacks its picture or its cam_K.
+    """
     if record.camera_matrix is None or record.rgb_path is None:
         raise DataError(f"scene {record.scene_id}, image {record.im_id} lacks its picture or its cam_K.")
     height, width = read_image(record.rgb_path).shape[:2]
     return Camera(record.camera_matrix, width, height)
+
+
+def by_score(estimates: Sequence[ObjectEstimate]) -> list[ObjectEstimate]:
+    """Best score first; equal scores in an order that does not depend on the file's."""
+    return sorted(estimates, key=lambda e: (-e.score, e.camera_from_object.tolist()))
+
+
+def _image_errors(
+    record: ImageRecord, estimates: Sequence[ObjectEstimate], points: PointSets, surfaces: bool
+) -> list[ObjectErrors]:
+    truths = [i for i in record.instances if ASKED.takes(i)]
+    if not truths:
+        return []
+    camera = camera_of(record)
+    scene = _scene_distances(record, camera) if surfaces else None
+    rows: list[ObjectErrors] = []
+    for obj_id in sorted({instance.obj_id for instance in truths}):
+        wanted = [i for i in truths if i.obj_id == obj_id]
+        found = by_score([e for e in estimates if e.obj_id == obj_id])[: len(wanted)]
+        rows += _class_errors(record, wanted, found, points, camera, scene)
+    return rows
+
+
+def _scene_distances(record: ImageRecord, camera: Camera) -> FloatArray:
+    if record.depth_path is None:
+        raise DataError(f"scene {record.scene_id}, image {record.im_id} has no depth image.")
+    depth = read_depth(record.depth_path, record.depth_scale)
+    if depth.shape != (camera.height, camera.width):
+        raise DataError(
+            f"{record.depth_path} is {depth.shape[1]} x {depth.shape[0]} pixels but its picture "
+            f"{camera.width} x {camera.height}; they must show the same."
+        )
+    return distances(depth, camera)
+
+
+def _class_errors(
+    record: ImageRecord,
+    truths: Sequence[Instance],
+    found: Sequence[ObjectEstimate],
+    points: PointSets,
+    camera: Camera,
+    scene: FloatArray | None,
+) -> list[ObjectErrors]:
+    """Errors of the objects of one class in one image; `found` holds the best-scored estimates, best first."""
+    obj_id = truths[0].obj_id
+    model, symmetries, vertices = points.catalogue[obj_id], points.symmetries(obj_id), points[obj_id]
+    shape = len(found), len(truths)
+    mssd, mspd = np.zeros(shape), np.zeros(shape)
+    for (i, j), _ in np.ndenumerate(mssd):
+        pair = found[i].camera_from_object, truths[j].camera_from_object, symmetries, vertices
+        mssd[i, j], mspd[i, j] = pose_error.mssd(*pair), pose_error.mspd(*pair, camera)
+    mspd *= BOP_WIDTH / camera.width
+    mssd_share, mspd_share = found_share(mssd / model.diameter, BOP_SHARES), found_share(mspd, BOP_PIXELS)
+    vsd_share = None if scene is None else _vsd_shares(truths, found, points, camera, scene)
+    rows: list[ObjectErrors] = []
+    answers = assign_greedily(range(shape[0]), range(shape[1]), lambda i, j: float(mssd[i, j]))
+    for j, (answer, truth) in enumerate(zip(answers, truths, strict=True)):
+        row = ObjectErrors(
+            record,
+            truth,
+            mssd_share=float(mssd_share[j]),
+            mspd_share=float(mspd_share[j]),
+            vsd_share=None if vsd_share is None else float(vsd_share[j]),
+        )
+        if answer is not None:
+            estimate = found[answer[0]]
+            poses = estimate.camera_from_object, truth.camera_from_object
+            add, add_s = points.add(obj_id, *poses), points.add_s(obj_id, *poses)
+            either = add_s if model.symmetries else add
+            pixels = float(mspd[answer[0], j])
+            row = replace(
+                row, estimate=estimate, add=add, add_s=add_s, add_or_add_s=either, mssd=answer[1], mspd=pixels
+            )
+        rows.append(row)
+    return rows
+
+
+def _vsd_shares(
+    truths: Sequence[Instance],
+    found: Sequence[ObjectEstimate],
+    points: PointSets,
+    camera: Camera,
+    scene: FloatArray,
+) -> FloatArray:
+    obj_id = truths[0].obj_id
+    mesh, diameter = points.mesh(obj_id), points.catalogue[obj_id].diameter
+    drawn = [drawn_distances(mesh, camera, truth.camera_from_object) for truth in truths]
+    errors = np.zeros((len(found), len(truths), len(TAUS)))
+    for i, estimate in enumerate(found):
+        own = drawn_distances(mesh, camera, estimate.camera_from_object)
+        for j, true in enumerate(drawn):
+            errors[i, j] = vsd(own, true, scene, diameter)
+    return np.mean([found_share(errors[:, :, tau], BOP_SHARES) for tau in range(len(TAUS))], axis=0)

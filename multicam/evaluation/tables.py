@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -12,12 +12,10 @@ from multicam.evaluation.camera_error import CameraError
 from multicam.evaluation.recall import auc_posecnn, median, recall
 from multicam.evaluation.report import Cell, Column, Table, mean_cell
 from multicam.evaluation.run_error import RunErrors
+from multicam.evaluation.single_view_tables import TENTH, tenth_recall
 
 GOOD_MM, GOOD_DEG = 50.0, 5.0
 """A camera pose within both counts as good."""
-
-TENTH = 0.1
-"""Share of the diameter within which an object pose counts as right: ADD(-S)-0.1d."""
 
 
 def camera_table(run: RunResult, errors: RunErrors) -> Table:
@@ -103,8 +101,8 @@ def statements(run: RunResult, errors: RunErrors | None, catalogue: Catalogue) -
                 "ellipsoid."
             )
     if errors.single_view:
-        alone = _tenth_recall({i: [e.add for e in found] for i, found in errors.single_view.items()}, catalogue)
-        together = _tenth_recall(errors.objects, catalogue)
+        alone = tenth_recall({i: [e.add_or_add_s for e in found] for i, found in errors.single_view.items()}, catalogue)
+        together = tenth_recall(errors.objects, catalogue)
         facts.append(
             f"Objects within a tenth of their diameter (mean of classes): {100 * alone:.0f} % of what the network is "
             f"shown in single pictures; {100 * together:.0f} % of what any camera sees, in the headset's frame."
@@ -115,12 +113,6 @@ def statements(run: RunResult, errors: RunErrors | None, catalogue: Catalogue) -
                 "diameter."
             )
     return facts, warnings
-
-
-def _tenth_recall(errors: Mapping[int, Sequence[float]], catalogue: Catalogue) -> float:
-    """Share of objects within a tenth of their diameter, mean of classes."""
-    shares = [recall(found, TENTH * catalogue[obj_id].diameter) for obj_id, found in errors.items()]
-    return float(np.mean(shares)) if shares else 0.0
 
 
 def _coverage_statements(run: RunResult) -> tuple[list[str], list[str]]:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multicam.errors import ModelError
+from multicam.geometry.boxes import overlap
 from multicam.image import Letterbox
 from multicam.types import Detection, FloatArray
 
@@ -80,7 +81,7 @@ def suppress(
     Returns:
         Indices that stay, in order.
     """
-    rivals = (labels[:, None] == labels) & (overlap(boxes) > iou)
+    rivals = (labels[:, None] == labels) & (overlap(boxes, boxes) > iou)
     alive = np.ones(len(boxes), dtype=np.bool_)
     counts: dict[int, int] = {}
     for i in range(len(boxes)):
@@ -93,12 +94,3 @@ def suppress(
             continue
         alive[i + 1 :] &= ~rivals[i, i + 1 :]
     return np.flatnonzero(alive)
-
-
-def overlap(boxes: FloatArray) -> FloatArray:
-    """(n, n) intersection over union of boxes (n, 4); 0 for empty boxes."""
-    low = np.maximum(boxes[:, None, :2], boxes[:, :2])
-    high = np.minimum(boxes[:, None, 2:], boxes[:, 2:])
-    common = np.clip(high - low, 0, None).prod(axis=-1)
-    area = np.clip(boxes[:, 2:] - boxes[:, :2], 0, None).prod(axis=-1)
-    return common / np.maximum(area[:, None] + area - common, 1e-12)

@@ -16,7 +16,7 @@ from multicam.dataset.runs import CameraResult, RunResult, StepResult
 from multicam.dataset.sequence import Recording
 from multicam.errors import DataError
 from multicam.evaluation.run_error import RunErrors, Truth, run_from_true
-from multicam.evaluation.single_view import single_view_table
+from multicam.evaluation.single_view_tables import single_view_table
 from multicam.evaluation.tables import camera_table, coverage_table, object_table, statements, time_table
 from multicam.files import write_bytes, write_text
 from multicam.progress import Progress

@@ -4,6 +4,7 @@ import json
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from multicam import cli
@@ -84,12 +85,107 @@ def test_candidates_are_judged_per_object(candidates, toy_recording, capsys):
     flags = ("--candidates", str(candidates), "--dataset", str(toy_recording.folder))
     assert cli.run(["evaluate", *flags]) == 0
     assert "Single-view object errors" in capsys.readouterr().out
-    (table,) = json.loads((candidates.parent / "evaluation.json").read_text())
-    assert {row["within 0.1 d %"] for row in table["rows"]} == {100}
+    tables = {t["title"]: t["rows"] for t in json.loads((candidates.parent / "evaluation.json").read_text())}
+    assert {row["within 0.1 d %"] for row in tables["Single-view object errors"]} == {100}
+    assert tables["Single-view object errors"][-1]["AR VSD %"] == pytest.approx(100)
+    assert "Detection" not in tables
+    assert "The worst cases" in (candidates.parent / "evaluation.html").read_text()
+    saved = load_config(EvaluateConfig, candidates.parent / "evaluation.config.yaml")
+    assert (saved.candidates, saved.split) == (candidates, "test")
+
+
+def test_a_network_is_run_on_a_split_and_judged(marked, tmp_path, capsys):
+    flags = ("--network", str(marked.network), "--dataset", str(marked.recording), "--output", str(tmp_path))
+    assert cli.run(["evaluate", *flags]) == 0
+    assert "Keypoints" in capsys.readouterr().out
+    tables = {t["title"]: t["rows"] for t in json.loads((tmp_path / "evaluation.json").read_text())}
+    # The toy network answers with the labels; its 32-bit pixels cost little.
+    assert tables["Single-view object errors"][-1]["within 0.1 d %"] == 100
+    assert tables["Detection"][-1]["AP50 %"] == tables["Detection"][-1]["recall %"] == 100
+    assert tables["Keypoints"][-1]["median px"] < 0.1
+    assert tables["Pose uncertainty"][-1]["inside 95 %"] == 100
+    assert "Stated against true uncertainty" in (tmp_path / "evaluation.html").read_text()
+    # What was written is what the other mode reads.
+    again = ("--candidates", str(tmp_path / "estimates.csv"), "--dataset", str(marked.recording))
+    assert cli.run(["evaluate", *again, "--output", str(tmp_path / "again")]) == 0
+    rows = json.loads((tmp_path / "again" / "evaluation.json").read_text())[0]["rows"]
+    for row, other in zip(rows, tables["Single-view object errors"], strict=True):
+        assert row == pytest.approx(other, abs=1e-2)
+
+
+def test_a_limit_judges_that_many_images(marked, tmp_path, capsys):
+    flags = ("--network", str(marked.network), "--dataset", str(marked.recording), "--output", str(tmp_path))
+    assert cli.run(["evaluate", *flags, "--limit", "4"]) == 0
+    assert "in 4 pictures" in capsys.readouterr().out
+    images = {line.split(",")[0] for line in (tmp_path / "estimates.csv").read_text().splitlines()[1:]}
+    assert images == {"0", "1", "2"}
+    assert "--limit is 0" in refused(capsys, *flags, "--limit", "0")
+
+
+def test_objects_can_be_selected_by_distance_and_visibility(candidates, toy_recording, tmp_path, capsys):
+    flags = ("--candidates", str(candidates), "--dataset", str(toy_recording.folder), "--output", str(tmp_path))
+
+    def asked(*more: str) -> int:
+        assert cli.run(["evaluate", *flags, *more]) == 0
+        capsys.readouterr()
+        return json.loads((tmp_path / "evaluation.json").read_text())[0]["rows"][-1]["asked"]
+
+    instances = [i for c in toy_recording.cameras for e in c.frames
+                 for i in toy_recording.record(c.camera_id, e.im_id).instances]  # fmt: skip
+    near = [i for i in instances if np.linalg.norm(i.camera_from_object[:3, 3]) < 1.0]
+    assert 0 < len(near) < len(instances)
+    assert asked("--distance", "0", "1.0") == sum(i.visible_fraction >= 0.1 for i in near)
+    assert asked("--least-visible", "0.9") == sum(i.visible_fraction >= 0.9 for i in instances)
+    assert "hold nothing" in refused(capsys, *flags, "--distance", "1", "0.5")
+    assert "is 50 to 60 m away" in refused(capsys, *flags, "--distance", "50", "60")
+    assert "must be 0.1 to 1" in refused(capsys, *flags, "--least-visible", "50")
+
+
+def test_a_network_for_other_objects_or_a_file_that_is_none_is_refused(marked, tmp_path, capsys):
+    flags = ("--dataset", str(marked.recording), "--output", str(tmp_path / "out"))
+    (tmp_path / "no.onnx").write_bytes(b"nothing")
+    assert "cannot be opened" in refused(capsys, "--network", str(tmp_path / "no.onnx"), *flags)
+    moved = shutil.copytree(marked.recording, tmp_path / "moved")
+    info = json.loads((moved / "models" / "models_info.json").read_text())
+    info.pop(max(info))
+    (moved / "models" / "models_info.json").write_text(json.dumps(info))
+    keypoints = json.loads((moved / "models" / "keypoints.json").read_text())
+    keypoints.pop(max(keypoints))
+    (moved / "models" / "keypoints.json").write_text(json.dumps(keypoints))
+    message = refused(capsys, "--network", str(marked.network), "--dataset", str(moved), *flags[2:])
+    assert "lacks: run it on pictures of the objects it was trained on" in message
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_split_without_truth_or_without_visible_fractions_is_refused(candidates, toy_recording, tmp_path, capsys):
+    moved = shutil.copytree(toy_recording.folder, tmp_path / "blind")
+    flags = ("--candidates", str(candidates), "--dataset", str(moved))
+    for path in moved.glob("test/*/scene_gt_info.json"):
+        path.unlink()
+    assert "lacks scene_gt_info.json" in refused(capsys, *flags, "--least-visible", "0.5")
+    for path in moved.glob("test/*/scene_gt.json"):
+        path.unlink()
+    assert "have no true poses" in refused(capsys, *flags)
+
+
+def test_estimates_in_metres_are_refused(candidates, toy_recording, tmp_path, capsys):
+    lines = candidates.read_text().splitlines()
+    for number, line in enumerate(lines[1:], start=1):
+        cells = line.split(",")
+        cells[5] = " ".join(str(float(value) / 1000) for value in cells[5].split())
+        lines[number] = ",".join(cells)
+    (tmp_path / "metres.csv").write_text("\n".join(lines))
+    flags = ("--candidates", str(tmp_path / "metres.csv"), "--dataset", str(toy_recording.folder))
+    assert "are they in metres?" in refused(capsys, *flags)
 
 
 def test_nothing_or_both_to_judge_is_refused(capsys):
-    for flags in ((), ("--run", "a", "--candidates", "b"), ("--candidates", "b")):
+    for flags in (
+        (),
+        ("--run", "a", "--candidates", "b"),
+        ("--candidates", "b"),
+        ("--network", "n", "--candidates", "b"),
+    ):
         assert "give either --run DIR, or --candidates" in refused(capsys, *flags)
 
 

@@ -76,3 +76,23 @@ def test_moving_the_camera_changes_no_distance(estimated, true, move):
     assert add_s(move @ estimated, move @ true, points) == pytest.approx(add_s(estimated, true, points), abs=1e-9)
     moved = mssd(move @ estimated, move @ true, symmetries, points)
     assert moved == pytest.approx(mssd(estimated, true, symmetries, points), abs=1e-9)
+
+
+@settings(max_examples=30)
+@given(transforms(), transforms(), st.sampled_from((PLATE, PEG)))
+def test_leaving_a_symmetry_early_changes_nothing(estimated, true, obj_id):
+    points, symmetries = toy_meshes()[obj_id].vertices, toy_symmetries()[obj_id].transforms()
+    placed = se3.act(estimated, points)
+    every = np.linalg.norm(placed - se3.act(true @ symmetries, points), axis=-1).max(axis=-1)
+    assert mssd(estimated, true, symmetries, points) == pytest.approx(every.min())
+    camera = Camera.from_focal(500.0, 640, 480)
+    in_front = shifted(0, 0, 30)
+    pixels = camera.project(se3.act(in_front @ estimated, points))
+    every = np.linalg.norm(pixels - camera.project(se3.act(in_front @ true @ symmetries, points)), axis=-1).max(axis=-1)
+    assert mspd(in_front @ estimated, in_front @ true, symmetries, points, camera) == pytest.approx(every.min())
+
+
+def test_a_lens_with_distortion_is_refused():
+    camera = Camera(np.diag([500.0, 500, 1]), 640, 480, (0.1, 0.0, 0.0, 0.0))
+    with pytest.raises(ValueError, match="ideal lens"):
+        mspd(IDENTITY, IDENTITY, IDENTITY[None], POINTS, camera)
