@@ -1,0 +1,1 @@
+"""Depth factor: measured points against the planes of the object's surface."""

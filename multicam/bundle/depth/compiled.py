@@ -1,0 +1,93 @@
+# pyright: basic, reportUntypedFunctionDecorator=false
+# Numba ships no types; points and factor, which wrap these kernels, are strict.
+"""Measured points and planes of the surface, compiled: the search, and the energy.
+
+The mathematics is that of Stoiber et al., "Iterative corresponding geometry" (CVPR 2022).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from multicam.bundle.pixels import focal_length, inside, projected, transformed, window
+
+PAIR = np.dtype(
+    [
+        ("point", np.float64, 3),
+        ("normal", np.float64, 3),
+        ("measured", np.float64, 3),
+        ("weight", np.float64),
+    ]
+)
+"""A point of the surface with its normal, in the object frame, the measured point that was found near it, in the colour
+camera's frame, and one over the standard deviation of their distance along the normal."""
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def search_points(
+    depth, matrix, depth_from_object, camera_from_depth, point, normal, seen, radius, spacing, deviation, pairs
+):  # fmt: skip
+    """See find_points: writes `pairs` and returns how many there are."""
+    focal = focal_length(matrix)
+    unprojection = np.linalg.inv(matrix)
+    most = max(int(2 * radius / spacing + 0.5), 1)
+    count = 0
+    for i in range(len(point)):
+        x, y, z = transformed(depth_from_object, point[i, 0], point[i, 1], point[i, 2])
+        if not seen[i] or z <= 0:
+            continue
+        u, v = projected(matrix, x, y, z)
+        if not inside(u, v, depth.shape):
+            continue
+        stride, left, right, top, bottom = window(u, v, 2 * radius * focal / z, most, depth.shape)
+        least = radius * radius
+        found = (0.0, 0.0, 0.0)
+        for row in range(top, bottom + 1, stride):
+            for column in range(left, right + 1, stride):
+                measured = depth[row, column]
+                # Also false for NaN.
+                if not 0 < measured < z + radius:
+                    continue
+                mx = (unprojection[0, 0] * column + unprojection[0, 1] * row + unprojection[0, 2]) * measured
+                my = (unprojection[1, 0] * column + unprojection[1, 1] * row + unprojection[1, 2]) * measured
+                square = (mx - x) ** 2 + (my - y) ** 2 + (measured - z) ** 2
+                if square < least:
+                    least, found = square, (mx, my, np.float64(measured))
+        if least == radius * radius:
+            continue
+        pair = pairs[count]
+        in_camera = transformed(camera_from_depth, found[0], found[1], found[2])
+        for k in range(3):
+            pair.point[k], pair.normal[k], pair.measured[k] = point[i, k], normal[i, k], in_camera[k]
+        pair.weight = 1 / (deviation * found[2])
+        count += 1
+    return count
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def linearize_points(pairs, start, pose, energy, gradient, hessian):
+    """See DepthFactor: writes energies (e,), gradients (e, 6) and Hessians (e, 6, 6) at poses (e, 4, 4)."""
+    energy[:], gradient[:], hessian[:] = 0.0, 0.0, 0.0
+    jacobian = np.empty(6)
+    for e in range(len(pose)):
+        t = pose[e]
+        for i in range(start[e], start[e + 1]):
+            pair = pairs[i]
+            dx, dy, dz = pair.measured[0] - t[0, 3], pair.measured[1] - t[1, 3], pair.measured[2] - t[2, 3]
+            # The measured point in the object frame.
+            x = t[0, 0] * dx + t[1, 0] * dy + t[2, 0] * dz
+            y = t[0, 1] * dx + t[1, 1] * dy + t[2, 1] * dz
+            z = t[0, 2] * dx + t[1, 2] * dy + t[2, 2] * dz
+            nx, ny, nz = pair.weight * pair.normal[0], pair.weight * pair.normal[1], pair.weight * pair.normal[2]
+            residual = nx * (pair.point[0] - x) + ny * (pair.point[1] - y) + nz * (pair.point[2] - z)
+            jacobian[0], jacobian[1], jacobian[2] = y * nz - z * ny, z * nx - x * nz, x * ny - y * nx
+            jacobian[3], jacobian[4], jacobian[5] = nx, ny, nz
+            energy[e] += residual * residual / 2
+            for row in range(6):
+                gradient[e, row] += residual * jacobian[row]
+                for column in range(row + 1):
+                    hessian[e, row, column] += jacobian[row] * jacobian[column]
+        for row in range(6):
+            for column in range(row):
+                hessian[e, column, row] = hessian[e, row, column]

@@ -1,0 +1,45 @@
+"""A depth picture beside a colour camera: measured by a sensor of its own, or drawn from bodies at known poses."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from multicam.geometry.camera import Camera
+from multicam.geometry.mesh import Mesh
+from multicam.geometry.rasterizer import render_depth
+from multicam.types import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class DepthImage:
+    """Depth along the optical axis of a camera that is fixed to a colour camera, or is that camera.
+
+    Attributes:
+        depth: (height, width) float32, metres; zero, NaN or infinite where nothing is known.
+        camera: intrinsics of the depth picture, without distortion.
+        depth_from_camera: (4, 4) from the colour camera's frame to the depth camera's.
+    """
+
+    depth: NDArray[np.float32]
+    camera: Camera
+    depth_from_camera: FloatArray
+
+    def __post_init__(self) -> None:
+        expected = (self.camera.height, self.camera.width)
+        if self.depth.shape != expected or self.depth.dtype != np.float32:
+            raise ValueError(f"depth is {self.depth.dtype} {self.depth.shape}, its camera says float32 {expected}")
+        if self.camera.distortion:
+            raise ValueError("a depth picture needs an ideal lens; undistort it first")
+
+
+def draw_bodies(bodies: Sequence[tuple[Mesh, FloatArray]], camera: Camera) -> DepthImage:
+    """What the colour camera, or a scaled copy of it, would measure of meshes at poses camera_from_object (4, 4)."""
+    nearest = np.full((camera.height, camera.width), np.inf, dtype=np.float32)
+    for mesh, camera_from_object in bodies:
+        depth = render_depth(mesh, camera, camera_from_object)
+        np.minimum(nearest, depth, out=nearest, where=depth > 0)
+    return DepthImage(nearest, camera, np.eye(4))

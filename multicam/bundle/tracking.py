@@ -1,0 +1,180 @@
+"""One object followed through pictures: search, a few damped steps, search again (as ICG and M3T do)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from multicam.bundle.depth.config import DepthConfig
+from multicam.bundle.depth.factor import DepthFactor
+from multicam.bundle.depth.points import find_points
+from multicam.bundle.depth_image import DepthImage
+from multicam.bundle.factor import EdgeFactor
+from multicam.bundle.occlusion import Occluders
+from multicam.bundle.region.colors import ColorModel, colors_at
+from multicam.bundle.region.config import RegionConfig
+from multicam.bundle.region.factor import RegionFactor
+from multicam.bundle.region.lines import find_lines
+from multicam.bundle.viewpoints.model import ViewpointModel
+from multicam.geometry import se3
+from multicam.geometry.camera import Camera
+from multicam.types import FloatArray, ImageArray
+
+_ONLY = np.zeros(1, dtype=np.int64)
+
+
+@dataclass(frozen=True)
+class TrackingConfig:
+    """How an object is followed (defaults of M3T)."""
+
+    region: RegionConfig | None = field(default_factory=RegionConfig)
+    """Lines on the colour picture; null leaves them out."""
+    depth: DepthConfig | None = field(default_factory=DepthConfig)
+    """Points of the depth picture, where there is one; null leaves them out."""
+    searches: int = 5
+    """Searches for lines and points."""
+    updates: int = 2
+    """Steps after each search."""
+    rotation_damping: float = 1000.0
+    """Added to the Hessian's diagonal: information, per squared radian, that the object stays where it is."""
+    translation_damping: float = 30000.0
+    """The same per squared metre."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sight:
+    """What one camera sees of the world at a time.
+
+    Attributes:
+        image: (height, width, 3) RGB.
+        camera: its intrinsics, without distortion.
+        camera_from_world: (4, 4).
+        depth: the picture of the depth camera beside it, or None.
+        occluders: depth pictures of what may hide the object; the measured one is not among them by itself.
+    """
+
+    image: ImageArray
+    camera: Camera
+    camera_from_world: FloatArray
+    depth: DepthImage | None = None
+    occluders: Occluders = field(default_factory=Occluders)
+
+    def __post_init__(self) -> None:
+        expected = (self.camera.height, self.camera.width, 3)
+        if self.image.shape != expected or self.image.dtype != np.uint8:
+            raise ValueError(f"image is {self.image.dtype} {self.image.shape}, its camera says uint8 {expected}")
+        if self.camera.distortion:
+            raise ValueError("lines are straight under an ideal lens only; undistort the picture first")
+
+
+@dataclass(frozen=True, eq=False)
+class Tracked:
+    """Where an object was found.
+
+    Attributes:
+        world_from_object: (4, 4).
+        energy: of the last search's lines and points, before its last step.
+        hessian: (6, 6) of it in the object's right tangent, without damping: what the pictures say of the pose.
+        lines, points: how many the last search found, over all sights; an object that is lost has few.
+    """
+
+    world_from_object: FloatArray
+    energy: float
+    hessian: FloatArray
+    lines: int
+    points: int
+
+
+def first_colors(
+    model: ViewpointModel, sight: Sight, world_from_object: FloatArray, config: RegionConfig
+) -> ColorModel:
+    """Colours in one sight of an object whose pose (4, 4) is about right."""
+    return updated_colors(ColorModel.uniform(), model, sight, world_from_object, replace(config, learning_rate=1.0))
+
+
+def updated_colors(
+    colors: ColorModel, model: ViewpointModel, sight: Sight, world_from_object: FloatArray, config: RegionConfig
+) -> ColorModel:
+    """Colours after one more sight of an object at a pose (4, 4)."""
+    pose = sight.camera_from_world @ world_from_object
+    counts = colors_at(model, sight.image, sight.camera.matrix, pose, sight.occluders, config)
+    return colors.blended(counts, config.learning_rate)
+
+
+def track(
+    model: ViewpointModel,
+    sights: Sequence[Sight],
+    colors: Sequence[ColorModel],
+    world_from_object: FloatArray,
+    config: TrackingConfig,
+) -> Tracked:
+    """Follows an object from a pose (4, 4) into sights of one time.
+
+    Without any line or point, the pose stays what it was.
+
+    Args:
+        colors: of the object in each sight.
+    """
+    damping = np.diag([config.rotation_damping] * 3 + [config.translation_damping] * 3)
+    pose, energy, hessian, lines, points = world_from_object, 0.0, np.zeros((6, 6)), 0, 0
+    for search in range(config.searches):
+        found = [_search(model, each, known, pose, search, config) for each, known in zip(sights, colors, strict=True)]
+        lines, points = sum(each.lines for each in found), sum(each.points for each in found)
+        for update in range(config.updates):
+            energy, gradient, hessian = 0.0, np.zeros(6), np.zeros((6, 6))
+            for each in found:
+                for factor in each.factors(update, config):
+                    terms = factor.linearize((each.sight.camera_from_world @ pose)[None])
+                    energy += float(terms.energy[0])
+                    gradient += terms.gradient[0]
+                    hessian += terms.hessian[0]
+            pose = se3.plus(pose, np.linalg.solve(hessian + damping, -gradient))
+    return Tracked(pose, energy, hessian, lines, points)
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """What a search found in one sight; each factor has one edge."""
+
+    sight: Sight
+    region: RegionFactor | None
+    depth: DepthFactor | None
+
+    @property
+    def lines(self) -> int:
+        """How many lines."""
+        return 0 if self.region is None else len(self.region.lines)
+
+    @property
+    def points(self) -> int:
+        """How many points."""
+        return 0 if self.depth is None else len(self.depth.pairs)
+
+    def factors(self, update: int, config: TrackingConfig) -> Iterator[EdgeFactor]:
+        """Those that there are, as they are used in the update of that number, from 0, after the search."""
+        if self.region is not None and config.region is not None:
+            yield self.region.in_update(update, config.region)
+        if self.depth is not None:
+            yield self.depth
+
+
+def _search(
+    model: ViewpointModel,
+    sight: Sight,
+    colors: ColorModel,
+    world_from_object: FloatArray,
+    search: int,
+    config: TrackingConfig,
+) -> _Found:
+    """Lines and points of an object at a pose (4, 4)."""
+    pose, matrix = sight.camera_from_world @ world_from_object, sight.camera.matrix
+    region = depth = None
+    if config.region is not None:
+        lines = find_lines(model, sight.image, matrix, pose, colors, sight.occluders, search, config.region)
+        region = RegionFactor.of_edges(_ONLY, _ONLY, matrix[None], [lines], config.region)
+    if config.depth is not None and sight.depth is not None:
+        pairs = find_points(model, sight.depth, pose, sight.occluders, search, config.depth)
+        depth = DepthFactor.of_edges(_ONLY, _ONLY, [pairs])
+    return _Found(sight, region, depth)
