@@ -72,14 +72,21 @@ class DynamicCoordinateClassifier(nn.Module):
             boxes: (M, 4) x0 y0 x1 y1 pixels.
             centres: (M, 2) pixel centres of the cells.
         """
+        return self.read(self.features(pose_vectors), pose_vectors, boxes, centres)
+
+    def features(self, pose_vectors: Tensor) -> Tensor:
+        """(M, K, C) of the keypoints; half precision does for this part."""
         features = self.norm(self.to_features(pose_vectors))
-        features = self.mix(features.unflatten(1, (self.num_keypoints, _FEATURES)))
+        return self.mix(features.unflatten(1, (self.num_keypoints, _FEATURES)))
+
+    def read(self, features: Tensor, pose_vectors: Tensor, boxes: Tensor, centres: Tensor) -> DccOutputs:
+        """Compares features with bins; in full precision, for logits are differences of large numbers."""
         middle = (boxes[:, :2] + boxes[:, 2:]) / 2
         size = (boxes[:, 2:] - boxes[:, :2]) * ENLARGEMENT
         bins = middle[:, None] + self.steps[:, None] * size[:, None]
-        relative = bins - centres[:, None]
-        logits_x = self._logits(features, self.encode_x, relative[..., 0])
-        logits_y = self._logits(features, self.encode_y, relative[..., 1])
+        offset = middle - centres
+        logits_x = self._logits(features, self.encode_x, offset[:, 0], size[:, 0])
+        logits_y = self._logits(features, self.encode_y, offset[:, 1], size[:, 1])
         mean_x, variance_x = _moments(logits_x, bins[..., 0])
         mean_y, variance_y = _moments(logits_y, bins[..., 1])
         sigma = torch.sigmoid(self.to_sigma(pose_vectors)) * self.sigma_scale
@@ -90,16 +97,22 @@ class DynamicCoordinateClassifier(nn.Module):
         keypoints = torch.stack((mean_x, mean_y), dim=-1)
         return DccOutputs(keypoints, logits_x, logits_y, bins[..., 0], bins[..., 1], sigma, variance, std)
 
-    def _logits(self, features: Tensor, encode: nn.Linear, positions: Tensor) -> Tensor:
-        """Feature times linearly mapped sine encoding, (M, K, bins).
+    def _logits(self, features: Tensor, encode: nn.Linear, offset: Tensor, size: Tensor) -> Tensor:
+        """Feature times linearly mapped sine encoding of the bins at offset + steps * size (M,); (M, K, bins).
 
-        The map is applied to the few features, transposed, and not to the many bins: the product is the same.
+        The map is applied to the few features, transposed, and not to the many bins, and so is the turn of the phases
+        by the offset: the product is the same. What is left depends on steps * size, which is as much to the left as to
+        the right, so that the even and the odd part of one half give both.
         """
-        angles = positions[:, None] * self.frequency[:, None]
-        mapped = features @ encode.weight
-        cosine, sine = mapped.chunk(2, dim=2)
-        offset = (features * encode.bias).sum(dim=2, keepdim=True)
-        return cosine @ angles.cos() + sine @ angles.sin() + offset
+        turn = (offset[:, None] * self.frequency)[:, None]
+        cosine, sine = (features @ encode.weight).chunk(2, dim=2)
+        even = cosine * turn.cos() + sine * turn.sin()
+        odd = sine * turn.cos() - cosine * turn.sin()
+        half = self.bins // 2
+        angles = self.frequency[:, None] * (self.steps[half:] * size[:, None])[:, None]
+        even, odd = even @ angles.cos(), odd @ angles.sin()
+        left = (even - odd)[..., self.bins % 2 :].flip(2)
+        return torch.cat((left, even + odd), dim=2) + (features * encode.bias).sum(dim=2, keepdim=True)
 
 
 class RowNorm(nn.BatchNorm1d):

@@ -30,15 +30,19 @@ def assign(raw: RawOutputs, batch: Batch, oks_sigma: float, least_positives: int
         (B, A) int64: the instance each cell learns, or -1.
     """
     candidate, both = _candidates(raw, batch)
-    iou = box_iou(batch.boxes[:, :, None], raw.boxes[:, None])
-    oks = keypoint_similarity(
-        raw.proxy[:, None], batch.keypoints[:, :, None], instance_size(batch.boxes)[:, :, None], oks_sigma
-    ).mean(dim=-1)
-    cost = 3 * -(iou + 1e-7).log() + 3 * -(oks + 1e-7).log() + _class_cost(raw.class_logits, batch.classes)
-    cost = torch.where(candidate, cost + _OUTSIDE * ~both, _NOWHERE)
+    at = torch.nonzero(candidate, as_tuple=True)
+    image, instance, cell = at
+    iou = box_iou(batch.boxes[image, instance], raw.boxes[image, cell])
+    size = instance_size(batch.boxes)[image, instance]
+    similarity = keypoint_similarity(raw.proxy[image, cell], batch.keypoints[image, instance], size, oks_sigma)
+    oks = torch.zeros_like(candidate, dtype=torch.float32)
+    oks[at] = similarity.mean(dim=-1)
+    cost = torch.full_like(oks, _NOWHERE)
+    by_shape = 3 * -(iou + 1e-7).log() + 3 * -(oks[at] + 1e-7).log()
+    cost[at] = by_shape + _class_cost(raw.class_logits, batch.classes)[at] + _OUTSIDE * ~both[at]
 
     top = min(_TOP, cost.shape[2])
-    wanted = (oks * candidate).topk(top, dim=2).values.sum(dim=2).int().clamp(min=least_positives, max=top)
+    wanted = oks.topk(top, dim=2).values.sum(dim=2).int().clamp(min=least_positives, max=top)
     cheapest = cost.topk(top, dim=2, largest=False)
     taken = (torch.arange(top, device=cost.device) < wanted[..., None]) & (cheapest.values < _NOWHERE)
     chosen = torch.zeros_like(candidate).scatter(2, cheapest.indices, taken)

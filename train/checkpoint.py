@@ -134,7 +134,10 @@ def restore(folder: Path, model: nn.Module, average: MovingAverage, optimizer: t
     for name, parameter in model.named_parameters():
         moments = {key.split("/")[0]: value for key, value in tensors.items() if key.endswith(f"/{name}")}
         if moments:
-            optimizer.state[parameter] = {k: v.clone() if k == "step" else v.to(parameter) for k, v in moments.items()}
+            # The fused optimiser walks through memory: moments must lie there in the order of their parameter.
+            optimizer.state[parameter] = {
+                k: v.clone() if k == "step" else torch.empty_like(parameter).copy_(v) for k, v in moments.items()
+            }
     torch.set_rng_state(tensors["random/cpu"])
     if torch.cuda.is_available() and "random/cuda" in tensors:
         torch.cuda.set_rng_state(tensors["random/cuda"])

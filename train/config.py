@@ -221,6 +221,9 @@ class TrainConfig:
     """Greatest norm of the gradient."""
     ema_decay: float = 0.9998
     """Of the moving average of the weights, reached gradually."""
+    shared_norms: bool = True
+    """Normalise over the pictures of all processes together, so that P processes learn what one with P times the batch
+    would. Costs a good half more time on CPUs."""
     least_positives: int = 1
     """Cells that learn each instance, at least."""
     minimum_visible: float = 0.1

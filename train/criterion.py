@@ -36,7 +36,9 @@ def criterion(
 
     boxes, true_boxes = raw.boxes[image, cell], batch.boxes[image, instance]
     keypoints, size = batch.keypoints[image, instance], instance_size(true_boxes)
-    dcc = _classify(detector, raw, image, cell, boxes.detach(), true_boxes)
+    with torch.autocast(boxes.device.type, torch.bfloat16, enabled=config.precision == "bf16"):
+        features = detector.classifier.features(raw.pose_vectors[image, cell])
+    dcc = _classify(detector, raw, features, image, cell, boxes.detach(), true_boxes)
     proxy = raw.proxy[image, cell]
     target, counted = _proxy_target(dcc, proxy, keypoints, stage)
     judged = proxy if stage.proxy_target == "truth" else dcc.keypoints
@@ -65,13 +67,19 @@ def total(losses: dict[str, Tensor], stage: StageConfig) -> Tensor:
 
 
 def _classify(
-    detector: Detector, raw: RawOutputs, image: Tensor, cell: Tensor, boxes: Tensor, true_boxes: Tensor
+    detector: Detector,
+    raw: RawOutputs,
+    features: Tensor,
+    image: Tensor,
+    cell: Tensor,
+    boxes: Tensor,
+    true_boxes: Tensor,
 ) -> DccOutputs:
-    """Runs the classifier on positive cells in fp32; no gradient reaches the boxes through the bins."""
+    """Reads the positive cells in fp32; no gradient reaches the boxes through the bins."""
     trusted = box_iou(boxes, true_boxes)[:, None] > _TRUSTED_IOU
     chosen = torch.where(trusted, boxes, true_boxes)
-    with torch.autocast(boxes.device.type, enabled=False):
-        return detector.dcc(raw.pose_vectors[image, cell].float(), chosen, raw.centres[cell])
+    vectors = raw.pose_vectors[image, cell].float()
+    return detector.classifier.read(features.float(), vectors, chosen, raw.centres[cell])
 
 
 def _proxy_target(dcc: DccOutputs, proxy: Tensor, keypoints: Tensor, stage: StageConfig) -> tuple[Tensor, Tensor]:
@@ -99,5 +107,5 @@ def _shared_mean(count: int, device: torch.device):
     positives = torch.tensor(float(count), device=device)
     if processes > 1:
         dist.all_reduce(positives)
-    divisor = (positives / processes).clamp(min=1)
+    divisor = positives.clamp(min=1) / processes
     return lambda losses: losses.sum() / divisor

@@ -25,6 +25,7 @@ from train.distributed import Group, StopSignal, process_group
 from train.loader import Batch, EpochSampler, TrainingSet, ValidationSet, training_loader
 from train.optimizer import MovingAverage, build_optimizer, learning_rate
 from train.samples import PictureStore, TrainedObject, prepare_objects, read_records
+from train.shared_norm import share_norms
 from train.validate import figures, is_better, predict
 
 _LOG_EVERY = 20
@@ -77,6 +78,8 @@ class Run:
         torch.manual_seed(config.seed)
         self.detector = Detector(self.model_config).to(group.device, memory_format=torch.channels_last)
         self.average = MovingAverage(self.detector, config.ema_decay)
+        if group.processes > 1 and config.shared_norms:
+            share_norms(self.detector)
         self.optimizer = build_optimizer(self.detector, config.weight_decay)
         self.dataset, self.validation, self.objects = _datasets(config, self.catalogue, progress)
         self.sampler = EpochSampler(len(self.dataset), config.batch_size, config.seed, group.rank, group.processes)
@@ -104,7 +107,7 @@ class Run:
         self.board = Board(config.output / "tensorboard", step) if self.group.leads else None
         learner: nn.Module = Learner(self.detector, config)
         if self.group.processes > 1:
-            learner = DistributedDataParallel(learner)
+            learner = DistributedDataParallel(learner, broadcast_buffers=False)
         for epoch in range(self.state.epoch, config.stages.epochs):
             self._epoch(learner, epoch, stop)
         if self.board:
@@ -121,7 +124,7 @@ class Run:
         sums: dict[str, float] = defaultdict(float)
         for step, batch in enumerate(batches, start=first):
             number = epoch * len(self.sampler) + step
-            losses = self._step(learner, batch.to(self.group.device), stage, number)
+            losses = self.step(learner, batch.to(self.group.device), stage, number)
             for name, value in losses.items():
                 sums[name] += value
             if self.board and number % _LOG_EVERY == 0:
@@ -136,7 +139,12 @@ class Run:
         self._moved(epoch + 1, 0)
         self._finish_epoch(epoch, rate, {name: value / max(count, 1) for name, value in sums.items()})
 
-    def _step(self, learner: nn.Module, batch: Batch, stage: StageConfig, number: int) -> dict[str, float]:
+    def step(self, learner: nn.Module, batch: Batch, stage: StageConfig, number: int) -> dict[str, float]:
+        """One step of the optimiser; the unweighted losses, their weighted sum and the learning rate.
+
+        Raises:
+            MulticamError: the loss is no longer finite.
+        """
         rate = learning_rate(self.config.stages, len(self.sampler), self.config.warmup_steps, number)
         for parameters in self.optimizer.param_groups:
             parameters["lr"] = rate

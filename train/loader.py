@@ -149,8 +149,14 @@ class EpochSampler(Sampler[list[Place]]):
 
 def training_loader(dataset: TrainingSet, sampler: EpochSampler, workers: int) -> DataLoader[Batch]:
     """Batches of the epoch that the sampler is set to."""
+    # A generator of its own: opening a loader must not draw from the numbers that a resumed run goes on with.
     return DataLoader(
-        dataset, batch_sampler=sampler, num_workers=workers, collate_fn=collate, worker_init_fn=_ignore_signals
+        dataset,
+        batch_sampler=sampler,
+        num_workers=workers,
+        collate_fn=collate,
+        worker_init_fn=_ignore_signals,
+        generator=torch.Generator(),
     )
 
 

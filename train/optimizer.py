@@ -17,7 +17,7 @@ def build_optimizer(model: nn.Module, weight_decay: float) -> torch.optim.AdamW:
     matrices = [p for p in model.parameters() if p.ndim > 1]
     vectors = [p for p in model.parameters() if p.ndim <= 1]
     groups = [{"params": matrices, "weight_decay": weight_decay}, {"params": vectors, "weight_decay": 0.0}]
-    return torch.optim.AdamW(groups, lr=0.0)
+    return torch.optim.AdamW(groups, lr=0.0, fused=True)
 
 
 def learning_rate(stages: StagesConfig, steps_per_epoch: int, warmup_steps: int, step: int) -> float:
@@ -42,8 +42,8 @@ class MovingAverage:
         """Moves the average towards the model by 1 - min(decay, (1 + n) / (10 + n)) at the n-th update."""
         self.updates += 1
         decay = min(self.decay, (1 + self.updates) / (10 + self.updates))
-        for kept, new in zip(self.model.state_dict().values(), model.state_dict().values(), strict=True):
-            if kept.is_floating_point():
-                kept.lerp_(new, 1 - decay)
-            else:
-                kept.copy_(new)
+        pairs = list(zip(self.model.state_dict().values(), model.state_dict().values(), strict=True))
+        kept, new = zip(*(pair for pair in pairs if pair[0].is_floating_point()), strict=True)
+        torch._foreach_lerp_(kept, new, 1 - decay)
+        for count, latest in (pair for pair in pairs if not pair[0].is_floating_point()):
+            count.copy_(latest)

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from models.detector import Detector
+from models.detector import Decoded, Detector
 from multicam.evaluation.pose_error import add, add_s
 from multicam.geometry import se3
 from multicam.geometry.camera import Camera
@@ -59,7 +59,7 @@ def predict(
         samples = [dataset[i] for i in indices[start : start + batch_size]]
         images = torch.from_numpy(np.stack([image for image, _ in samples])).to(device)
         tensor = images.permute(0, 3, 1, 2).float().contiguous(memory_format=torch.channels_last)
-        decoded = [t.cpu().numpy() for t in detector.decode(detector(tensor), _KEPT)]
+        decoded = [t.cpu().numpy() for t in _best_cells(detector, tensor)]
         for row, (image, labels) in enumerate(samples):
             boxes, scores, classes, keypoints, visibility, std = (t[row] for t in decoded)
             rows = np.flatnonzero(scores >= config.score_threshold)
@@ -69,6 +69,11 @@ def predict(
             )
             predictions.append(Prediction(image, labels, found))
     return predictions
+
+
+def _best_cells(detector: Detector, images: torch.Tensor) -> Decoded:
+    raw = detector(images)
+    return detector.decode(raw, min(_KEPT, len(raw.centres)))
 
 
 def figures(predictions: Sequence[Prediction], objects: Sequence[TrainedObject]) -> dict[str, float]:

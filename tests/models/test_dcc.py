@@ -1,5 +1,6 @@
 import math
 
+import pytest
 import torch
 
 from models.dcc import ENLARGEMENT, DynamicCoordinateClassifier, GatedAttentionUnit, instance_size
@@ -78,3 +79,23 @@ def test_instance_size_is_cocos_for_squares_and_does_not_vanish_for_rods() -> No
     assert math.isclose(instance_size(square).item(), math.sqrt(0.53 * 400), rel_tol=1e-6)
     tilted = torch.tensor([0.0, 0, 100 / math.sqrt(2), 100 / math.sqrt(2)])
     assert math.isclose(instance_size(rod).item(), instance_size(tilted).item(), rel_tol=1e-3)
+
+
+@pytest.mark.parametrize("bins", [8, 9])
+def test_logits_are_features_times_the_encoding_of_each_bin(bins: int) -> None:
+    """The definition, bin by bin; the module takes a shorter way."""
+    torch.manual_seed(0)
+    classifier = DynamicCoordinateClassifier(pose_vector=16, num_keypoints=4, bins=bins).double()
+    features, vectors = torch.randn(3, 4, 128).double(), torch.randn(3, 16).double()
+    boxes = torch.tensor([[10.0, 20, 70, 50], [0, 0, 8, 300], [-40, 5, 60, 9]]).double()
+    centres = torch.tensor([[31.5, 31.5], [3.5, 99.5], [7.5, 7.5]]).double()
+    outputs = classifier.read(features, vectors, boxes, centres)
+    for axis, (encode, logits, places) in enumerate(
+        [
+            (classifier.encode_x, outputs.logits_x, outputs.bins_x),
+            (classifier.encode_y, outputs.logits_y, outputs.bins_y),
+        ]
+    ):
+        angles = (places - centres[:, axis, None])[..., None] * classifier.frequency
+        encoded = encode(torch.cat((angles.cos(), angles.sin()), dim=2))
+        torch.testing.assert_close(logits, features @ encoded.transpose(1, 2))
