@@ -9,6 +9,7 @@ import onnx
 import torch
 
 from export.wrapper import DeployDetector
+from multicam import __version__
 from multicam.inference.metadata import NetworkMetadata
 from multicam.inference.session import INPUT_NAME, METADATA_KEY, OUTPUT_NAMES
 
@@ -35,8 +36,13 @@ def write_onnx(detector: DeployDetector, metadata: NetworkMetadata, path: Path) 
             verbose=False,
         )
     assert program is not None, "the dynamo exporter returns the program"
-    model = program.model_proto
+    finish(program.model_proto, metadata, path)
+
+
+def finish(model: onnx.ModelProto, metadata: NetworkMetadata, path: Path) -> None:
+    """Writes a model with our metadata and no other, checked; only what concerns its user is kept."""
     _forget_origin(model.graph)
+    model.producer_name, model.producer_version = "multicam-pose", __version__
     onnx.helper.set_model_props(model, {METADATA_KEY: metadata.to_json()})
     onnx.checker.check_model(model, full_check=True)
     onnx.save(model, path)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal, cast, get_args
 
 import numpy as np
 
@@ -19,6 +19,9 @@ VERSION = 1
 PREPROCESSING = {"layout": "NHWC", "type": "uint8", "colour": "RGB", "letterbox_padding": PADDING}
 """What every network of this format takes; normalisation is inside the graph."""
 
+Precision = Literal["fp32", "fp16", "int8"]
+"""Numbers that a network computes with: single, half, or 8-bit integers; the decoding is always single."""
+
 
 @dataclass(frozen=True, eq=False)
 class NetworkMetadata:
@@ -29,6 +32,7 @@ class NetworkMetadata:
         width, height: input size, pixels.
         licence: of the weights.
         training: plain summary of how the weights came about (epochs, figures), for people to read.
+        precision: numbers that the network computes with.
     """
 
     objects: tuple[ObjectModel, ...]
@@ -36,6 +40,7 @@ class NetworkMetadata:
     height: int
     licence: str
     training: dict[str, Any] = field(default_factory=dict[str, Any])
+    precision: Precision = "fp32"
 
     def __post_init__(self) -> None:
         if not self.objects:
@@ -54,6 +59,11 @@ class NetworkMetadata:
         assert points is not None, "checked when made"
         return len(points)
 
+    @property
+    def outputs(self) -> dict[str, int]:
+        """Classes and keypoints that the network can answer with."""
+        return {"classes": len(self.objects), "keypoints": self.num_keypoints}
+
     def catalogue(self) -> Catalogue:
         """The classes as a catalogue, without meshes."""
         return Catalogue({o.obj_id: o for o in self.objects})
@@ -64,6 +74,8 @@ class NetworkMetadata:
             "format": FORMAT,
             "version": VERSION,
             "input": {"width": self.width, "height": self.height, **PREPROCESSING},
+            "precision": self.precision,
+            "outputs": self.outputs,
             "licence": self.licence,
             "classes": objects_to_json(self.catalogue()),
             "training": self.training,
@@ -75,7 +87,8 @@ class NetworkMetadata:
         """Reads metadata; `source` names the file in errors.
 
         Raises:
-            ModelError: not JSON, not this format, another version, or fields missing or unfit.
+            ModelError: not JSON, not this format, another version, fields missing or unfit, or other classes than the
+                network was exported with.
         """
         try:
             content: Any = json.loads(text)
@@ -93,11 +106,23 @@ class NetworkMetadata:
             width, height = int(size.pop("width")), int(size.pop("height"))
             objects = tuple(objects_from_json(content["classes"], source).objects.values())
             licence, training = str(content["licence"]), dict(content["training"])
+            # Files of the first programs say neither; all of them were fp32.
+            precision, outputs = content.get("precision", "fp32"), content.get("outputs")
         except (KeyError, ValueError, TypeError) as error:
             raise ModelError(f"the multicam metadata of {source} is incomplete: {error!r}.") from error
         if size != PREPROCESSING:
             raise ModelError(f"{source} wants its input as {size}; this program gives {PREPROCESSING}.")
-        return cls(objects, width, height, licence, training)
+        if precision not in get_args(Precision):
+            raise ModelError(
+                f"{source} computes with {precision} numbers; this program knows {', '.join(get_args(Precision))}."
+            )
+        metadata = cls(objects, width, height, licence, training, cast(Precision, precision))
+        if outputs not in (None, metadata.outputs):
+            raise ModelError(
+                f"the network in {source} answers with {outputs}, but its metadata describes {metadata.outputs}; its "
+                "classes were changed after export."
+            )
+        return metadata
 
 
 def objects_to_json(catalogue: Catalogue) -> list[dict[str, Any]]:
@@ -125,7 +150,7 @@ def objects_from_json(rows: Any, source: str) -> Catalogue:
     """Inverse of `objects_to_json`; `source` names the file in errors.
 
     Raises:
-        ModelError: a row lacks a field or a field has another shape.
+        ModelError: a row lacks a field, a field has another shape, or an id comes twice.
     """
     objects: dict[int, ObjectModel] = {}
     for index, row in enumerate(rows):
@@ -133,6 +158,8 @@ def objects_from_json(rows: Any, source: str) -> Catalogue:
             model = _read_object(row)
         except (KeyError, ValueError, TypeError) as error:
             raise ModelError(f"{source}: class {index} is not as this program writes it: {error!r}.") from error
+        if model.obj_id in objects:
+            raise ModelError(f"{source}: two classes have the id {model.obj_id}.")
         objects[model.obj_id] = model
     return Catalogue(objects)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,26 +10,17 @@ import numpy as np
 import onnxruntime as ort
 from onnxruntime.capi import onnxruntime_pybind11_state as ort_errors  # pyright: ignore[reportAttributeAccessIssue]
 
-from multicam.errors import DataError, ModelError, did_you_mean
+from multicam.errors import DataError, ModelError
 from multicam.files import require_file
 from multicam.image import Letterbox
 from multicam.inference.decode import DecodeConfig, RawDetections, decode
 from multicam.inference.metadata import NetworkMetadata
+from multicam.inference.providers import Chosen, SessionConfig, chosen_providers, require_provider
 from multicam.types import Detection, ImageArray
 
 METADATA_KEY = "multicam"
 INPUT_NAME = "images"
 OUTPUT_NAMES = ("boxes", "scores", "labels", "keypoints", "visibility", "std")
-
-PROVIDERS = {
-    "cpu": "CPUExecutionProvider",
-    "cuda": "CUDAExecutionProvider",
-    "tensorrt": "TensorrtExecutionProvider",
-    "openvino": "OpenVINOExecutionProvider",
-    "directml": "DmlExecutionProvider",
-    "coreml": "CoreMLExecutionProvider",
-}
-"""Our names of execution providers, and ONNX Runtime's."""
 
 _LOAD_ERRORS = (
     ort_errors.EPFail,
@@ -42,15 +32,8 @@ _LOAD_ERRORS = (
     ort_errors.RuntimeException,
 )
 
-
-@dataclass(frozen=True)
-class SessionConfig:
-    """Where and how the network runs."""
-
-    provider: str = "cpu"
-    """Execution provider: cpu, cuda, tensorrt, openvino, directml or coreml; never replaced silently."""
-    threads: int = 0
-    """CPU threads of one operator; 0 takes all cores."""
+_NEWER = ("Unsupported model IR version", "released onnx opset versions")
+"""What ONNX Runtime says of a file that is newer than itself."""
 
 
 class Network:
@@ -61,13 +44,17 @@ class Network:
 
         Raises:
             ModelError: no such file, not ONNX, not ours, of another format version, with inputs or outputs that do
-                not fit its metadata, or an execution provider that is not there.
+                not fit its metadata, or an execution provider that is not there or cannot run it.
         """
         config = config or SessionConfig()
         self.path = path
+        require_provider(config.provider)
+        # Judged on the CPU first, so that what a provider objects to is not mistaken for a damaged file.
         self._session = _open(path, config)
         self.metadata = _read_metadata(self._session, path)
         _check_signature(self._session, self.metadata, path)
+        if config.provider != "cpu":
+            self._session = _start(path, config, chosen_providers(config, self.metadata.precision))
         self._obj_ids = self.metadata.catalogue().obj_ids
 
     def detect(self, images: Sequence[ImageArray], config: DecodeConfig | None = None) -> list[list[Detection]]:
@@ -97,42 +84,45 @@ class Network:
 
 
 def _open(path: Path, config: SessionConfig) -> ort.InferenceSession:
+    """The file on the CPU."""
     try:
         require_file(path, "network file")
     except DataError as error:
         raise ModelError(str(error)) from error
-    provider = _require_provider(config.provider)
-    options = ort.SessionOptions()
-    options.intra_op_num_threads = config.threads
-    # Errors reach the user as exceptions; ONNX Runtime need not print them too.
-    options.log_severity_level = 4
     try:
-        session = ort.InferenceSession(str(path), options, providers=[provider])
+        return ort.InferenceSession(str(path), _options(config), providers=["CPUExecutionProvider"])
     except _LOAD_ERRORS as error:
+        if any(words in str(error) for words in _NEWER):
+            raise ModelError(
+                f"{path} needs a newer ONNX Runtime than {ort.__version__}, which is installed; upgrade onnxruntime, "
+                "or export the checkpoint again beside this one."
+            ) from error
         raise ModelError(
             f"{path} cannot be opened as an ONNX network (is it damaged or cut short?): {_first_line(error)}"
         ) from error
-    if session.get_providers()[0] != provider:
+
+
+def _start(path: Path, config: SessionConfig, chosen: list[Chosen]) -> ort.InferenceSession:
+    """The file on the execution provider that was asked for, and on no other."""
+    remedy = 'are its drivers and libraries installed? Choose "cpu" to run without it.'
+    try:
+        session = ort.InferenceSession(str(path), _options(config), providers=chosen)
+    except _LOAD_ERRORS as error:
         raise ModelError(
-            f'the execution provider "{config.provider}" is built in but did not start (are its drivers and '
-            'libraries installed?); choose "cpu" to run without it.'
-        )
+            f'the execution provider "{config.provider}" cannot run {path} ({_first_line(error)[:-1]}); {remedy}'
+        ) from error
+    if session.get_providers()[0] != chosen[0][0]:
+        raise ModelError(f'the execution provider "{config.provider}" is built in but did not start: {remedy}')
     session.disable_fallback()
     return session
 
 
-def _require_provider(name: str) -> str:
-    available = [ours for ours, theirs in PROVIDERS.items() if theirs in ort.get_available_providers()]
-    if name not in PROVIDERS:
-        raise ModelError(
-            f'unknown execution provider "{name}"{did_you_mean(name, PROVIDERS)}; there are {", ".join(PROVIDERS)}.'
-        )
-    if name not in available:
-        raise ModelError(
-            f'this ONNX Runtime has no execution provider "{name}", only {", ".join(available)}; install the '
-            "onnxruntime package that carries it (onnxruntime-gpu for cuda and tensorrt)."
-        )
-    return PROVIDERS[name]
+def _options(config: SessionConfig) -> ort.SessionOptions:
+    options = ort.SessionOptions()
+    options.intra_op_num_threads = config.threads
+    # Errors reach the user as exceptions; ONNX Runtime need not print them too.
+    options.log_severity_level = 4
+    return options
 
 
 def _read_metadata(session: ort.InferenceSession, path: Path) -> NetworkMetadata:
@@ -146,7 +136,10 @@ def _read_metadata(session: ort.InferenceSession, path: Path) -> NetworkMetadata
 
 
 def _check_signature(session: ort.InferenceSession, metadata: NetworkMetadata, path: Path) -> None:
-    """Compares names, types and fixed sizes of inputs and outputs with the metadata; batch and row count are free."""
+    """Compares names, types and fixed sizes of inputs and outputs with the metadata.
+
+    The batch must be free, and the count of rows the same in all outputs.
+    """
     found = {node.name: (node.type, tuple(node.shape)) for node in (*session.get_inputs(), *session.get_outputs())}
     keypoints = metadata.num_keypoints
     expected: dict[str, tuple[str, tuple[int | None, ...]]] = {
@@ -166,6 +159,14 @@ def _check_signature(session: ort.InferenceSession, metadata: NetworkMetadata, p
                 f'{path}: "{name}" is {found[name][0]} {list(found[name][1])}, its metadata says {kind} '
                 f"{['any' if side is None else side for side in shape]}."
             )
+    if isinstance(found[INPUT_NAME][1][0], int):
+        raise ModelError(
+            f"{path} takes batches of {found[INPUT_NAME][1][0]} alone; a network of ours takes as many pictures as "
+            "there are cameras. Export the checkpoint again."
+        )
+    rows = {name: found[name][1][1] for name in OUTPUT_NAMES}
+    if len(set(rows.values())) != 1:
+        raise ModelError(f"{path} answers with different numbers of rows: {rows}.")
     if len(session.get_inputs()) != 1:
         names = ", ".join(node.name for node in session.get_inputs())
         raise ModelError(f'{path} wants the inputs {names}; a network of ours has the one input "{INPUT_NAME}".')

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import torch
 
+from export import cli
 from models.config import ModelConfig
 from models.detector import Detector
 from multicam.dataset.objects import Catalogue
@@ -17,6 +18,7 @@ from train.checkpoint import RunState, save_checkpoint
 from train.optimizer import MovingAverage
 
 WIDTH, HEIGHT = 96, 64
+ROWS = 20
 
 
 def pictures(rng: np.random.Generator, count: int) -> np.ndarray:
@@ -72,6 +74,20 @@ def write_checkpoint(folder: Path, detector: Detector, config: ModelConfig, cata
     state = RunState(epoch=3, step=0, input_width=WIDTH, input_height=HEIGHT, metrics={"add_0.1d": 0.25})
     save_checkpoint(folder, detector, MovingAverage(detector, 0.999), optimizer, config, catalogue, state)
     return folder
+
+
+@pytest.fixture(scope="session")
+def exported(checkpoint: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The checkpoint as a file, by the command."""
+    path = tmp_path_factory.mktemp("exported") / "toy.onnx"
+    cli.main(["--checkpoint", str(checkpoint), "--output", str(path), "--rows", str(ROWS)])
+    return path
+
+
+@pytest.fixture
+def quick_export(exported: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Exports again by copying, for tests of what comes after the file is written."""
+    monkeypatch.setattr(cli, "write_onnx", lambda _d, _m, path: path.write_bytes(exported.read_bytes()))
 
 
 @pytest.fixture(scope="module", autouse=True)

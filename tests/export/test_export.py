@@ -13,7 +13,7 @@ import torch
 from safetensors.torch import load_file, save_file
 
 from export import cli
-from export.cli import export, main
+from export.cli import export
 from export.config import ExportConfig
 from export.parity import PROBABILITY_TOLERANCE, Parity, compare
 from export.wrapper import DeployDetector
@@ -23,23 +23,8 @@ from multicam.cli import USAGE_ERROR, run
 from multicam.errors import ConfigError, DataError, ModelError
 from multicam.inference.decode import DecodeConfig
 from multicam.inference.session import Network
-from tests.export.conftest import HEIGHT, WIDTH, lively_detector, pictures, write_checkpoint
+from tests.export.conftest import HEIGHT, ROWS, WIDTH, lively_detector, pictures, write_checkpoint
 from tests.toy_objects import toy_catalogue
-
-ROWS = 20
-
-
-@pytest.fixture(scope="module")
-def exported(checkpoint: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("exported") / "toy.onnx"
-    main(["--checkpoint", str(checkpoint), "--output", str(path), "--rows", str(ROWS)])
-    return path
-
-
-@pytest.fixture
-def quick_export(exported: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Exports again by copying, for tests of what comes after the file is written."""
-    monkeypatch.setattr(cli, "write_onnx", lambda _d, _m, path: path.write_bytes(exported.read_bytes()))
 
 
 def test_the_file_says_what_it_is(exported: Path) -> None:
@@ -47,6 +32,7 @@ def test_the_file_says_what_it_is(exported: Path) -> None:
     catalogue = toy_catalogue()
     assert metadata.catalogue().obj_ids == catalogue.obj_ids
     assert (metadata.width, metadata.height, metadata.licence) == (WIDTH, HEIGHT, "Apache-2.0")
+    assert metadata.precision == "fp32"
     assert metadata.training["epochs"] == 3
     assert metadata.training["validation"] == {"add_0.1d": 0.25}
 
@@ -72,7 +58,7 @@ def test_the_runtime_detects_with_it_in_images_of_any_size(exported: Path, rng: 
         assert (detection.std > 0).all()
 
 
-@pytest.mark.parametrize("batch", [1, 3, 8])
+@pytest.mark.parametrize("batch", [1, 3, 8, 32])
 def test_onnx_runtime_agrees_with_the_unfused_network(
     exported: Path, detector: Detector, rng: np.random.Generator, batch: int
 ) -> None:
@@ -166,6 +152,26 @@ def recording(function: Callable[..., Parity], counts: list[int]) -> Callable[..
         return function(detector, network, images)
 
     return wrapped
+
+
+def test_batches_of_all_sizes_are_compared(exported: Path, detector: Detector) -> None:
+    network, sizes = Network(exported), set()
+    run = network.run
+    network.run = lambda batch: sizes.add(len(batch)) or run(batch)
+    compare(DeployDetector(detector, ROWS), network, [])
+    assert sizes == {1, 3, 8, 32}
+
+
+def test_a_difference_in_the_last_picture_of_a_batch_is_found(exported: Path, detector: Detector) -> None:
+    network, run = Network(exported), Network(exported).run
+
+    def with_a_moved_keypoint(batch: np.ndarray) -> list[np.ndarray]:
+        outputs = run(batch)
+        outputs[3][31:, 0, 0, 0] += 0.1
+        return outputs
+
+    network.run = with_a_moved_keypoint
+    assert compare(DeployDetector(detector, ROWS), network, []).keypoints > 1e-3
 
 
 def test_a_folder_without_pictures_is_refused(checkpoint: Path, tmp_path: Path) -> None:

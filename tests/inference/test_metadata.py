@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -47,6 +48,9 @@ def test_metadata_survives_json(metadata: NetworkMetadata) -> None:
         ({"classes": []}, "at least one object class"),
         ({"licence": None, "input": {}}, "width"),
         ({"input": {"width": 320, "height": 256, "layout": "NCHW"}}, "NCHW"),
+        ({"precision": "fp4"}, "computes with fp4 numbers"),
+        ({"outputs": {"classes": 2, "keypoints": 8}}, "classes were changed after export"),
+        ({"outputs": {"classes": 3, "keypoints": 9}}, "classes were changed after export"),
     ],
 )
 def test_unfit_metadata_is_refused_with_the_reason(
@@ -56,6 +60,19 @@ def test_unfit_metadata_is_refused_with_the_reason(
     with pytest.raises(ModelError, match=sentence) as caught:
         NetworkMetadata.from_json(text, "x.onnx")
     assert "\n" not in str(caught.value)
+
+
+def test_files_of_the_first_programs_are_single_precision(metadata: NetworkMetadata) -> None:
+    content = json.loads(replace(metadata, precision="int8").to_json())
+    assert NetworkMetadata.from_json(json.dumps(content), "x.onnx").precision == "int8"
+    del content["precision"], content["outputs"]
+    assert NetworkMetadata.from_json(json.dumps(content), "x.onnx").precision == "fp32"
+
+
+def test_an_id_that_comes_twice_is_refused(catalogue: Catalogue) -> None:
+    rows = objects_to_json(catalogue)
+    with pytest.raises(ModelError, match="two classes have the id"):
+        objects_from_json([*rows, rows[-1]], "objects.json")
 
 
 def test_text_that_is_not_json_is_refused() -> None:

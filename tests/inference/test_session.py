@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import onnx
 import pytest
 
 from multicam.dataset.objects import Catalogue
 from multicam.errors import ModelError
 from multicam.inference.metadata import NetworkMetadata
-from multicam.inference.session import Network, SessionConfig
+from multicam.inference.session import METADATA_KEY, Network, SessionConfig
 from tests.inference.toy_network import HEIGHT, WIDTH, answer, picture_for, toy_metadata, write_network
 
 TABLE = [
@@ -102,6 +105,48 @@ def test_a_graph_of_another_input_size_than_its_metadata_is_refused(tmp_path: Pa
 def test_a_graph_with_another_number_of_keypoints_is_refused(tmp_path: Path, catalogue: Catalogue) -> None:
     table = [answer([0], [0.9], [[0, 0, 1, 1]], num_keypoints=9)]
     assert '"keypoints"' in sentence(write_network(tmp_path / "x.onnx", table, toy_metadata(catalogue).to_json()))
+
+
+def test_a_graph_for_one_size_of_batch_is_refused(network_file: Path) -> None:
+    change(network_file, lambda model: set_side(model.graph.input[0], 0, 1))
+    assert "batches of 1 alone" in sentence(network_file)
+
+
+def test_outputs_with_different_numbers_of_rows_are_refused(network_file: Path) -> None:
+    change(network_file, lambda model: [set_side(o, 1, 7) for o in model.graph.output if o.name == "std"])
+    assert "different numbers of rows" in sentence(network_file)
+
+
+@pytest.mark.parametrize("version", ["opset", "ir"])
+def test_a_file_newer_than_the_runtime_is_not_called_damaged(network_file: Path, version: str) -> None:
+    def renew(model: onnx.ModelProto) -> None:
+        if version == "ir":
+            model.ir_version = 99
+        else:
+            model.opset_import[0].version = 99
+
+    change(network_file, renew)
+    text = sentence(network_file)
+    assert "needs a newer ONNX Runtime than" in text
+    assert "damaged" not in text
+
+
+def test_a_file_whose_classes_were_edited_is_refused(network_file: Path, catalogue: Catalogue) -> None:
+    content = json.loads(toy_metadata(catalogue).to_json())
+    del content["classes"][1]
+    change(network_file, lambda model: onnx.helper.set_model_props(model, {METADATA_KEY: json.dumps(content)}))
+    assert "classes were changed after export" in sentence(network_file)
+
+
+def change(path: Path, edit: Callable[[onnx.ModelProto], object]) -> None:
+    """Edits a network file in place."""
+    model = onnx.load(path)
+    edit(model)
+    onnx.save(model, path)
+
+
+def set_side(value: onnx.ValueInfoProto, axis: int, size: int) -> None:
+    value.type.tensor_type.shape.dim[axis].dim_value = size
 
 
 def test_a_misspelt_execution_provider_gets_a_suggestion(network_file: Path) -> None:
