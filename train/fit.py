@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
+import warnings
 from collections import defaultdict
 from collections.abc import Sequence
 from pathlib import Path
@@ -107,7 +108,10 @@ class Run:
         self.board = Board(config.output / "tensorboard", step) if self.group.leads else None
         learner: nn.Module = Learner(self.detector, config)
         if self.group.processes > 1:
-            learner = DistributedDataParallel(learner, broadcast_buffers=False)
+            with warnings.catch_warnings():
+                # The option has another name from PyTorch 2.14 on; this one is known to all.
+                warnings.simplefilter("ignore", FutureWarning)
+                learner = DistributedDataParallel(learner, broadcast_buffers=False)
         for epoch in range(self.state.epoch, config.stages.epochs):
             self._epoch(learner, epoch, stop)
         if self.board:
