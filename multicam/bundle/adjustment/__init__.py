@@ -1,0 +1,1 @@
+"""Cameras and objects adjusted together on what the pictures show: contours, depth, keypoints, estimated poses."""

@@ -1,0 +1,189 @@
+"""Adjustment of a scene: the new poses, or the old ones and a reason."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from multicam.bundle.adjustment.alone import observe_edges
+from multicam.bundle.adjustment.config import AdjustmentConfig
+from multicam.bundle.adjustment.descent import Participants, System
+from multicam.bundle.adjustment.scene import Scene
+from multicam.bundle.adjustment.search import edge_poses, find_occluders, learn_colors
+from multicam.bundle.levenberg import LevenbergConfig, minimize
+from multicam.bundle.pose import PoseFactor
+from multicam.bundle.problem import Problem, State
+from multicam.geometry import se3
+from multicam.matching.arrays import BoolArray, IntArray
+from multicam.matching.linear import inverse, squared_norm
+from multicam.types import FloatArray
+
+NOT_SEEN = "no line of its contour and no point of its surface was found in any picture"
+UNTRUSTED = "only cameras see it whose own poses the pictures contradict"
+UNRELATED = "it shares no object with the cameras whose poses are known"
+BEYOND = "the pictures would move it further than the uncertainty of its old pose allows"
+NOT_BETTER = "the pictures fit the poses found no better than the old ones"
+
+
+@dataclass(frozen=True, eq=False)
+class Adjusted:
+    """Answer for a scene.
+
+    Attributes:
+        state: the poses; the old ones where there is a reason.
+        camera_covariance (c, 6, 6), object_covariance (o, 6, 6): of right perturbations; zero for fixed cameras.
+        energy: before and after.
+        kept_cameras, kept_objects: why a camera or object has its old pose; fixed cameras are not among them.
+        weight: (e,) how far each edge agrees with the others, 1 for entirely.
+        lines, points: (e,) how many were found where the poses began.
+    """
+
+    state: State
+    camera_covariance: FloatArray
+    object_covariance: FloatArray
+    energy: tuple[float, float]
+    kept_cameras: dict[int, str]
+    kept_objects: dict[int, str]
+    weight: FloatArray
+    lines: IntArray
+    points: IntArray
+
+
+@dataclass(frozen=True, eq=False)
+class _Solution:
+    """Where one run ended, before it is judged."""
+
+    state: State
+    camera_covariance: FloatArray
+    object_covariance: FloatArray
+    energy: tuple[float, float]
+    weight: FloatArray
+
+
+def adjust(scene: Scene, state: State, config: AdjustmentConfig) -> Adjusted:
+    """Moves cameras and objects to where the pictures show them.
+
+    Cameras move that share an object with others; an object that one camera alone sees follows it. A camera or object
+    that would leave the gate of its old pose keeps that pose and says nothing about the others. If the energy does not
+    fall, all stay.
+    """
+    occluders = find_occluders(scene, state, config)
+    colors = learn_colors(scene, occluders, config)
+    everyone = Participants(np.ones_like(scene.fixed), np.ones(len(scene.bodies), dtype=np.bool_), scene.fixed)
+    found = System(scene, everyone, occluders, colors, config).search(state, 0)
+    seen = np.bincount(scene.object, found.lines + found.points, len(scene.bodies)) > 0
+    strayed: dict[int, str] = {}
+    objects = dict.fromkeys(np.flatnonzero(~seen).tolist(), NOT_SEEN)
+    observed = observe_edges(scene, state.world_from_camera, occluders, colors, config) if config.joint else None
+    while True:
+        believed = ~_chosen(strayed, len(scene.fixed))
+        trusted = np.bincount(scene.object, believed[scene.camera], len(scene.bodies)) > 0
+        objects = dict.fromkeys(np.flatnonzero(~trusted).tolist(), UNTRUSTED) | objects
+        placed = ~_chosen(objects, len(scene.bodies))
+        unrelated = np.flatnonzero(scene.unrelated(believed, placed)).tolist()
+        cameras = dict.fromkeys(unrelated, UNRELATED) | strayed
+        taking = Participants(believed, placed, scene.fixed | _chosen(cameras, len(scene.fixed)))
+        solution = _solve(System(scene, taking, occluders, colors, config), state, observed, bool(found.points.any()))
+        far_cameras, far_objects = _beyond(scene, taking, state, solution.state, config.gate)
+        # A camera that strays takes along the objects it sees.
+        if np.any(far_cameras):
+            strayed |= dict.fromkeys(np.flatnonzero(far_cameras).tolist(), BEYOND)
+        elif np.any(far_objects):
+            objects |= dict.fromkeys(np.flatnonzero(far_objects).tolist(), BEYOND)
+        else:
+            break
+    before, after = solution.energy
+    if not after < before:
+        cameras |= dict.fromkeys(np.flatnonzero(~taking.fixed).tolist(), NOT_BETTER)
+        objects |= dict.fromkeys(np.flatnonzero(taking.object).tolist(), NOT_BETTER)
+    keep_camera, keep_object = scene.fixed | _chosen(cameras, len(scene.fixed)), _chosen(objects, len(scene.bodies))
+    return Adjusted(
+        state=State(
+            _where(keep_camera, state.world_from_camera, solution.state.world_from_camera),
+            _where(keep_object, state.world_from_object, solution.state.world_from_object),
+        ),
+        camera_covariance=_where(keep_camera, scene.camera_covariance, solution.camera_covariance),
+        object_covariance=_where(keep_object, scene.object_covariance, solution.object_covariance),
+        energy=solution.energy,
+        kept_cameras=cameras,
+        kept_objects=objects,
+        weight=solution.weight,
+        lines=found.lines,
+        points=found.points,
+    )
+
+
+def _solve(system: System, state: State, observed: PoseFactor | None, measured: bool) -> _Solution:
+    """The minimum over the poses that the pictures show one by one and, where depth is measured, over all at once.
+
+    With contours alone, searches at poses that all cameras share lose objects that were moved, and end further off.
+    """
+    if observed is None:
+        return _descend(system, state)
+    agreed = _agree(system, state, observed)
+    if not measured:
+        return agreed
+    together = _descend(system, agreed.state)
+    before, after = together.energy
+    return together if after < before else agreed
+
+
+def _agree(system: System, state: State, observed: PoseFactor) -> _Solution:
+    """Cameras and objects that agree best with the poses (e,) that the pictures show one by one."""
+    scene, taking = system.scene, system.participants
+    taken = taking.camera[scene.camera] & taking.object[scene.object]
+    factor = replace(
+        observed,
+        camera=observed.camera[taken],
+        object=observed.object[taken],
+        observed=observed.observed[taken],
+        information=observed.information[taken],
+    )
+    rest = State(state.world_from_camera, state.world_from_object[taking.object])
+    factor = replace(factor, object=(np.cumsum(taking.object) - 1)[factor.object])
+    problem = Problem((factor,), taking.fixed, scene.motions)
+    minimum = minimize(problem, rest, LevenbergConfig())
+    cameras, objects = problem.covariances(minimum.state, problem.noise_scale(minimum.state))
+    moved, covariance = state.world_from_object.copy(), scene.object_covariance.copy()
+    moved[taking.object], covariance[taking.object] = minimum.state.world_from_object, objects
+    result = State(minimum.state.world_from_camera, moved)
+    squared = 2 * observed.linearize(edge_poses(scene, result)).energy
+    weight = np.minimum(1, observed.kernel.weight(squared))
+    return _Solution(result, cameras, covariance, (minimum.energies[0], minimum.energies[-1]), weight)
+
+
+def _descend(system: System, state: State) -> _Solution:
+    """Cameras and objects after searches at poses that they share; energies by what is found at both ends."""
+    moved, weight = system.descend(state)
+    judge = replace(system, config=system.config.judging())
+    ends = judge.search(state, 0), judge.search(moved, 0)
+    before, after = (sum(system.energy(end, each, weight) for end in ends) for each in (state, moved))
+    cameras, objects = system.covariances(moved, weight)
+    return _Solution(moved, cameras, objects, (before, after), weight)
+
+
+def _chosen(indices: Iterable[int], count: int) -> BoolArray:
+    chosen = np.zeros(count, dtype=np.bool_)
+    chosen[list(indices)] = True
+    return chosen
+
+
+def _where(kept: BoolArray, old: FloatArray, new: FloatArray) -> FloatArray:
+    """Old matrices (n, ...) where they are kept, new ones elsewhere."""
+    return np.where(kept[:, None, None], old, new)
+
+
+def _beyond(scene: Scene, taking: Participants, old: State, new: State, gate: float) -> tuple[BoolArray, BoolArray]:
+    """Which cameras (c,) and objects (o,) left the gate of their old poses."""
+    far: list[BoolArray] = []
+    for moves, before, after, covariance in (
+        (~taking.fixed, old.world_from_camera, new.world_from_camera, scene.camera_covariance),
+        (taking.object, old.world_from_object, new.world_from_object, scene.object_covariance),
+    ):
+        shift = se3.minus(after[moves], before[moves])
+        beyond = np.zeros(len(moves), dtype=np.bool_)
+        beyond[moves] = ~(squared_norm(shift, inverse(covariance[moves])) <= gate)
+        far.append(beyond)
+    return far[0], far[1]

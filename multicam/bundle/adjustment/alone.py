@@ -1,0 +1,48 @@
+"""Each edge by itself: where one picture shows one object, and how surely, whatever the other pictures say."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from multicam.bundle.adjustment.config import AdjustmentConfig
+from multicam.bundle.adjustment.descent import Participants, System
+from multicam.bundle.adjustment.scene import Scene
+from multicam.bundle.adjustment.search import edge_poses
+from multicam.bundle.occlusion import Occluders
+from multicam.bundle.pose import PoseFactor
+from multicam.bundle.problem import State
+from multicam.bundle.region.colors import ColorModel
+from multicam.bundle.robust import Student
+from multicam.types import FloatArray
+
+
+def observe_edges(
+    scene: Scene,
+    world_from_camera: FloatArray,
+    occluders: Sequence[Occluders],
+    colors: Sequence[ColorModel],
+    config: AdjustmentConfig,
+) -> PoseFactor:
+    """Poses of all edges, refined from the estimates with the cameras fixed, with what picture and estimate know.
+
+    Searching from where a picture's own estimate is, lines and points find the object even while the cameras are far
+    from right; an object that was moved between two pictures disagrees here as a pose, which a robust cost can judge.
+    """
+    edges, cameras = len(scene.camera), len(scene.pictures)
+    apart = replace(
+        scene,
+        bodies=[scene.bodies[o] for o in scene.object],
+        object=np.arange(edges),
+        fixed=np.ones(cameras, dtype=np.bool_),
+        motions=(),
+    )
+    everyone = Participants(np.ones(cameras, dtype=np.bool_), np.ones(edges, dtype=np.bool_), apart.fixed)
+    system = System(apart, everyone, occluders, colors, config)
+    start = State(world_from_camera, world_from_camera[scene.camera] @ scene.estimated)
+    state, _ = system.descend(start)
+    pose = edge_poses(apart, state)
+    seen = system.search(state, config.searches - 1).linearize(pose)
+    return PoseFactor(scene.camera, scene.object, pose, seen.hessian + scene.information, Student(config.tail, 6))

@@ -1,0 +1,104 @@
+"""A registered component and the pictures behind it, as a scene to adjust, and back."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from multicam.bundle.adjustment.adjust import Adjusted
+from multicam.bundle.adjustment.scene import Body, Picture, Scene
+from multicam.bundle.problem import State
+from multicam.dataset.objects import Catalogue
+from multicam.geometry import se3
+from multicam.matching.learned import NoiseModel
+from multicam.matching.linear import congruent, inverse
+from multicam.matching.noise import NoiseConfig
+from multicam.matching.observations import observe
+from multicam.types import Component, FloatArray, View
+
+
+@dataclass(frozen=True)
+class EstimateNoise:
+    """What the registration took for the noise of estimates: see `register_views`."""
+
+    stated: NoiseConfig
+    learned: NoiseModel | None = None
+
+
+def scene_of(
+    component: Component,
+    views: Sequence[View],
+    pictures: Mapping[str, Picture],
+    bodies: Mapping[int, Body],
+    catalogue: Catalogue,
+    noise: EstimateNoise,
+) -> tuple[Scene, State]:
+    """Cameras and objects of a component in its own order; the first camera is fixed.
+
+    The edges are the supports of the objects; the estimates behind them are priors.
+
+    Args:
+        views: those that were registered.
+        pictures: of each view in the component, by its name.
+        bodies: of each class in it.
+    """
+    place = {camera.view_id: n for n, camera in enumerate(component.cameras)}
+    edges = [
+        (place[view_id], o, view_id, index)
+        for o, placed in enumerate(component.objects)
+        for view_id, index in placed.supports
+    ]
+    state = State(
+        np.array([camera.world_from_camera for camera in component.cameras]),
+        np.array([placed.world_from_object for placed in component.objects]).reshape(-1, 4, 4),
+    )
+    camera, obj = (np.array([edge[k] for edge in edges], dtype=np.int64) for k in (0, 1))
+    estimates = observe(views, catalogue, noise.stated, noise.learned)
+    first = {view.view_id: int(np.searchsorted(estimates.frame, n)) for n, view in enumerate(views)}
+    chosen = estimates[np.array([first[view_id] + index for _, _, view_id, index in edges], dtype=np.int64)]
+    at = se3.inverse(state.world_from_camera)[camera] @ state.world_from_object[obj]
+    twin, covariance = _twins(chosen.frame_from_object, chosen.covariance, at, chosen.obj_id.tolist(), catalogue)
+    kinship = 1.0 if noise.learned is None else noise.learned.kinship
+    scene = Scene(
+        pictures=[pictures[each.view_id] for each in component.cameras],
+        bodies=[bodies[placed.obj_id] for placed in component.objects],
+        camera=camera,
+        object=obj,
+        estimated=twin,
+        information=kinship * inverse(covariance),
+        fixed=np.arange(len(component.cameras)) == 0,
+        camera_covariance=np.array([each.covariance for each in component.cameras]),
+        object_covariance=np.array([placed.covariance for placed in component.objects]).reshape(-1, 6, 6),
+    )
+    return scene, state
+
+
+def component_of(component: Component, adjusted: Adjusted) -> Component:
+    """The component with the poses and covariances of an adjustment."""
+    state = adjusted.state
+    return Component(
+        tuple(
+            replace(each, world_from_camera=state.world_from_camera[n], covariance=adjusted.camera_covariance[n])
+            for n, each in enumerate(component.cameras)
+        ),
+        tuple(
+            replace(each, world_from_object=state.world_from_object[n], covariance=adjusted.object_covariance[n])
+            for n, each in enumerate(component.objects)
+        ),
+    )
+
+
+def _twins(
+    observed: FloatArray, covariance: FloatArray, at: FloatArray, classes: Sequence[int], catalogue: Catalogue
+) -> tuple[FloatArray, FloatArray]:
+    """The symmetric twins of estimates (e,) closest to poses `at`, and their covariances."""
+    turn = np.array(
+        [
+            catalogue[each].symmetries.closest(target, source, catalogue[each].diameter / 2)
+            for each, target, source in zip(classes, at, observed, strict=True)
+        ]
+    ).reshape(-1, 4, 4)
+    # T exp(xi) S = T S exp(Ad(S^-1) xi).
+    return observed @ turn, congruent(se3.adjoint(se3.inverse(turn)), covariance)

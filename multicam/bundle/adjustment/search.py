@@ -1,0 +1,166 @@
+"""Lines and points of every edge at the poses of a state, and the colours that they are found by."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from multicam.bundle.adjustment.config import AdjustmentConfig
+from multicam.bundle.adjustment.scene import Picture, Scene
+from multicam.bundle.depth.factor import DepthFactor
+from multicam.bundle.depth.points import find_points
+from multicam.bundle.depth_image import draw_bodies
+from multicam.bundle.factor import EdgeFactor, Linearization
+from multicam.bundle.occlusion import Occluders
+from multicam.bundle.problem import State
+from multicam.bundle.region.colors import ColorModel, colors_at
+from multicam.bundle.region.config import RegionConfig
+from multicam.bundle.region.factor import RegionFactor
+from multicam.bundle.region.lines import LineArray, find_lines
+from multicam.bundle.viewpoints.model import ViewpointModel
+from multicam.geometry import se3
+from multicam.matching.arrays import IntArray
+from multicam.types import FloatArray
+
+DRAWN = 0.5
+"""Share of a picture's width at which bodies are drawn to see which hides which; patches are wider than its pixels."""
+
+
+def edge_poses(scene: Scene, state: State) -> FloatArray:
+    """(e, 4, 4) camera_from_object of the edges."""
+    return se3.inverse(state.world_from_camera)[scene.camera] @ state.world_from_object[scene.object]
+
+
+def find_occluders(scene: Scene, state: State, config: AdjustmentConfig) -> list[Occluders]:
+    """(c,) what may hide objects in each picture."""
+    camera_from_world = se3.inverse(state.world_from_camera)
+    found: list[Occluders] = []
+    for picture, pose in zip(scene.pictures, camera_from_world, strict=True):
+        images = [picture.depth] if config.measured_occlusion and picture.depth is not None else []
+        if config.modelled_occlusion and len(scene.bodies) > 1:
+            placed = [
+                (body.mesh, pose @ each) for body, each in zip(scene.bodies, state.world_from_object, strict=True)
+            ]
+            images.append(draw_bodies(placed, picture.camera.scaled(DRAWN)))
+        found.append(Occluders(tuple(images)))
+    return found
+
+
+def learn_colors(scene: Scene, occluders: Sequence[Occluders], config: AdjustmentConfig) -> list[ColorModel]:
+    """(e,) colours of each object in each picture that sees it, where that picture's own estimate has it."""
+    if config.region is None:
+        return []
+    learnt: list[ColorModel] = []
+    for camera, obj, pose in zip(scene.camera, scene.object, scene.estimated, strict=True):
+        picture, body = scene.pictures[camera], scene.bodies[obj]
+        counts = colors_at(body.model, picture.image, picture.camera.matrix, pose, occluders[camera], config.region)
+        learnt.append(ColorModel.uniform().blended(counts, 1.0))
+    return learnt
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """What one search found: factors whose edges are those of the scene, or some of them.
+
+    Attributes:
+        region, depth: factors, or None where they are left out.
+        edge_of_point: (k,) which edges of the scene those of `depth` are: of the cameras that measure depth.
+        edges: e.
+    """
+
+    region: RegionFactor | None
+    depth: DepthFactor | None
+    edge_of_point: IntArray
+    edges: int
+
+    def linearize(self, pose: FloatArray) -> Linearization:
+        """What all lines and points of each edge (e,) say at poses (e, 4, 4)."""
+        energy, gradient, hessian = np.zeros(self.edges), np.zeros((self.edges, 6)), np.zeros((self.edges, 6, 6))
+        every = np.arange(self.edges)
+        parts: list[tuple[EdgeFactor | None, IntArray]] = [(self.region, every), (self.depth, self.edge_of_point)]
+        for factor, edge in parts:
+            if factor is not None:
+                local = factor.linearize(pose[edge])
+                energy[edge] += local.energy
+                gradient[edge] += local.gradient
+                hessian[edge] += local.hessian
+        return Linearization(energy, gradient, hessian)
+
+    def in_update(self, update: int, config: AdjustmentConfig) -> Found:
+        """The same lines and points as they are used in the update of that number, from 0, after their search."""
+        if self.region is None or config.region is None:
+            return self
+        return replace(self, region=self.region.in_update(update, config.region))
+
+    @property
+    def lines(self) -> IntArray:
+        """(e,) how many lines each edge has."""
+        return np.zeros(self.edges, np.int64) if self.region is None else np.diff(self.region.start)
+
+    @property
+    def points(self) -> IntArray:
+        """(e,) how many points."""
+        count = np.zeros(self.edges, np.int64)
+        if self.depth is not None:
+            count[self.edge_of_point] = np.diff(self.depth.start)
+        return count
+
+
+def search_pictures(
+    scene: Scene,
+    state: State,
+    occluders: Sequence[Occluders],
+    colors: Sequence[ColorModel],
+    search: int,
+    config: AdjustmentConfig,
+) -> Found:
+    """Lines and points of all edges.
+
+    Args:
+        occluders: (c,).
+        colors: (e,).
+        search: number of the search, from 0, by which scales, radii and deviations advance.
+    """
+    pose = edge_poses(scene, state)
+    edges = list(zip(scene.camera.tolist(), scene.object.tolist(), pose, strict=True))
+    region = depth = None
+    if config.region is not None:
+        lines = [
+            _find_lines(
+                scene.bodies[obj].model, scene.pictures[camera], at, known, occluders[camera], search, config.region
+            )
+            for (camera, obj, at), known in zip(edges, colors, strict=True)
+        ]
+        matrices = np.array([scene.pictures[camera].camera.matrix for camera, _, _ in edges]).reshape(-1, 3, 3)
+        region = RegionFactor.of_edges(scene.camera, scene.object, matrices, lines, config.region)
+    measured = np.array(
+        [n for n, (camera, _, _) in enumerate(edges) if scene.pictures[camera].depth is not None], dtype=np.int64
+    )
+    if config.depth is not None and len(measured):
+        pairs = [
+            find_points(scene.bodies[obj].model, image, at, occluders[camera], search, config.depth)
+            for camera, obj, at in (edges[n] for n in measured)
+            if (image := scene.pictures[camera].depth) is not None
+        ]
+        depth = DepthFactor.of_edges(scene.camera[measured], scene.object[measured], pairs)
+    return Found(region, depth, measured, len(edges))
+
+
+def _find_lines(
+    model: ViewpointModel,
+    picture: Picture,
+    camera_from_object: FloatArray,
+    colors: ColorModel,
+    occluders: Occluders,
+    search: int,
+    config: RegionConfig,
+) -> LineArray:
+    """Lines at the scale of a search or, where an object is too thin for most of them, at the first finer one."""
+    lines = find_lines(
+        model, picture.image, picture.camera.matrix, camera_from_object, colors, occluders, search, config
+    )
+    if 2 * len(lines) >= config.lines or search + 1 >= len(config.scales):
+        return lines
+    return _find_lines(model, picture, camera_from_object, colors, occluders, search + 1, config)

@@ -1,0 +1,202 @@
+"""Cameras and boxes adjusted on pictures of them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from multicam.bundle.adjustment.adjust import BEYOND, NOT_SEEN, UNRELATED, UNTRUSTED, adjust
+from multicam.bundle.adjustment.alone import observe_edges
+from multicam.bundle.adjustment.config import AdjustmentConfig
+from multicam.bundle.adjustment.descent import Participants, System
+from multicam.bundle.adjustment.scene import Picture
+from multicam.bundle.adjustment.search import edge_poses, find_occluders, learn_colors
+from multicam.bundle.depth_image import DepthImage
+from multicam.bundle.odometry import OdometryFactor
+from multicam.bundle.problem import Problem, State
+from multicam.geometry import se3
+from multicam.geometry.camera import Camera
+from multicam.matching.linear import inverse, squared_norm
+from tests.bundle.box_rig import CAMERA, camera_errors, cameras, objects, only, picture, rig, shaken
+
+CONFIG = AdjustmentConfig()
+RGB = replace(CONFIG, depth=None)
+
+
+def test_depth_and_contours_bring_the_cameras_back(rng: np.random.Generator) -> None:
+    start = shaken(rng)
+    answer = adjust(rig(rng), start, CONFIG)
+    assert camera_errors(start)[1:].min() > 10 and camera_errors(answer.state).max() < 3
+    assert answer.energy[1] < answer.energy[0] and not answer.kept_cameras and not answer.kept_objects
+    assert np.array_equal(answer.state.world_from_camera[0], start.world_from_camera[0])
+
+
+def test_contours_bring_objects_nearer_than_their_estimates(rng: np.random.Generator) -> None:
+    scene = rig(rng, depth=False)
+    occluders = find_occluders(scene, shaken(rng), RGB)
+    observed = observe_edges(scene, cameras(), occluders, learn_colors(scene, occluders, RGB), RGB).observed
+    exact = se3.inverse(cameras())[scene.camera] @ objects()[scene.object]
+    before, after = (np.linalg.norm(se3.minus(each, exact)[:, 3:], axis=1) for each in (scene.estimated, observed))
+    assert after.mean() < 0.8 * before.mean()
+
+
+def test_without_pictures_there_is_nothing_to_adjust(rng: np.random.Generator) -> None:
+    start = shaken(rng)
+    answer = adjust(rig(rng), start, replace(CONFIG, region=None, depth=None))
+    assert set(answer.kept_objects.values()) == {NOT_SEEN} and set(answer.kept_cameras) == {1, 2}
+    assert np.array_equal(answer.state.world_from_object, start.world_from_object)
+
+
+def test_joint_steps_are_better_than_turns(rng: np.random.Generator) -> None:
+    scene, start = rig(rng), shaken(rng)
+    joint, turns = (adjust(scene, start, replace(CONFIG, joint=each)) for each in (True, False))
+    assert camera_errors(joint.state)[1:].mean() < camera_errors(turns.state)[1:].mean()
+
+
+def test_stated_covariances_hold_the_truth(rng: np.random.Generator) -> None:
+    answer = adjust(rig(rng), shaken(rng), CONFIG)
+    shift = se3.minus(cameras()[1:], answer.state.world_from_camera[1:])
+    assert np.all(squared_norm(shift, inverse(answer.camera_covariance[1:])) < 22.5)
+    assert not answer.camera_covariance[0].any() and np.linalg.eigvalsh(answer.object_covariance).min() > 0
+
+
+def test_moving_the_world_changes_nothing(rng: np.random.Generator) -> None:
+    scene, start = rig(rng), shaken(rng)
+    world = se3.random(rng)
+    moved = State(world @ start.world_from_camera, world @ start.world_from_object)
+    here, there = adjust(scene, start, CONFIG), adjust(scene, moved, CONFIG)
+    assert np.allclose(world @ here.state.world_from_camera, there.state.world_from_camera, atol=1e-6)
+
+
+def test_an_object_that_one_camera_alone_sees_moves_no_camera(rng: np.random.Generator) -> None:
+    scene, start = rig(rng), shaken(rng)
+    with_it = only(scene, ~((scene.object == 2) & (scene.camera != 1)))
+    without = only(scene, scene.object != 2)
+    a, b = (adjust(each, start, replace(CONFIG, modelled_occlusion=False)) for each in (with_it, without))
+    assert np.allclose(a.state.world_from_camera, b.state.world_from_camera, atol=2e-4)
+    truth = se3.inverse(cameras()[1]) @ objects()[2]
+    seen = se3.inverse(a.state.world_from_camera[1]) @ a.state.world_from_object[2]
+    assert np.linalg.norm(seen[:3, 3] - truth[:3, 3]) < 0.004
+    assert b.kept_objects == {2: NOT_SEEN}
+
+
+def test_an_object_moved_between_two_pictures_is_outvoted(rng: np.random.Generator) -> None:
+    scene, start = rig(rng), shaken(rng)
+    away = objects().copy()
+    away[2, :3, 3] += [0.0, 0.06, 0.03]
+    pictures = [*scene.pictures[:1], picture(rng, se3.inverse(cameras()[1]), away), *scene.pictures[2:]]
+    estimated = scene.estimated.copy()
+    edge = np.flatnonzero((scene.camera == 1) & (scene.object == 2))
+    estimated[edge] = se3.inverse(cameras()[1]) @ away[2]
+    answer = adjust(replace(scene, pictures=pictures, estimated=estimated), start, CONFIG)
+    assert camera_errors(answer.state).max() < 6
+    assert answer.weight[edge] < 0.5 < np.delete(answer.weight, edge).mean()
+
+
+def test_a_camera_that_shares_no_object_stays(rng: np.random.Generator) -> None:
+    scene, start = rig(rng), shaken(rng)
+    apart = only(scene, (scene.camera < 2) & (scene.object < 2) | (scene.camera == 2) & (scene.object == 2))
+    answer = adjust(apart, start, CONFIG)
+    assert answer.kept_cameras == {2: UNRELATED}
+    assert np.array_equal(answer.state.world_from_camera[2], start.world_from_camera[2])
+    assert np.array_equal(answer.camera_covariance[2], scene.camera_covariance[2])
+
+
+def test_a_camera_held_by_odometry_alone_follows_it(rng: np.random.Generator) -> None:
+    scene, start = rig(rng), shaken(rng)
+    measured = se3.inverse(cameras()[1]) @ cameras()[2]
+    tie = OdometryFactor(np.array([1]), np.array([2]), measured[None], 1e8 * np.eye(6)[None])
+    answer = adjust(replace(only(scene, scene.camera < 2), motions=(tie,)), start, CONFIG)
+    assert not answer.kept_cameras and camera_errors(answer.state)[2] < 6
+
+
+def test_nothing_leaves_the_gate_of_its_old_pose(rng: np.random.Generator) -> None:
+    scene, start = rig(rng), shaken(rng)
+    sure = replace(scene, camera_covariance=scene.camera_covariance * [[[1]], [[1e-4]], [[1]]])
+    answer = adjust(sure, start, CONFIG)
+    assert answer.kept_cameras == {1: BEYOND}
+    assert np.array_equal(answer.state.world_from_camera[1], start.world_from_camera[1])
+    assert camera_errors(answer.state)[2] < camera_errors(start)[2]
+
+
+def test_an_object_that_only_a_strayed_camera_sees_stays(rng: np.random.Generator) -> None:
+    scene, start = rig(rng), shaken(rng)
+    alone = only(scene, (scene.object != 2) | (scene.camera == 1))
+    sure = replace(alone, camera_covariance=alone.camera_covariance * [[[1]], [[1e-4]], [[1]]])
+    answer = adjust(sure, start, CONFIG)
+    assert answer.kept_cameras == {1: BEYOND} and answer.kept_objects == {2: UNTRUSTED}
+
+
+def test_an_object_that_no_picture_shows_stays_and_the_others_do_not_care(rng: np.random.Generator) -> None:
+    scene, start = rig(rng), shaken(rng)
+    outside = start.world_from_object.copy()
+    outside[2, :3, 3] = [3, 0, 0]
+    estimated = scene.estimated.copy()
+    estimated[scene.object == 2] = se3.inverse(cameras()) @ outside[2]
+    answer = adjust(replace(scene, estimated=estimated), State(start.world_from_camera, outside), CONFIG)
+    assert answer.kept_objects == {2: NOT_SEEN} and np.array_equal(answer.state.world_from_object[2], outside[2])
+    assert camera_errors(answer.state).max() < 6
+
+
+def test_bodies_that_hide_everything_leave_all_as_it_was(rng: np.random.Generator) -> None:
+    scene, start = rig(rng), shaken(rng)
+    near = np.full((CAMERA.height, CAMERA.width), 0.1, np.float32)
+    pictures = [replace(each, depth=DepthImage(near, CAMERA, np.eye(4))) for each in scene.pictures]
+    answer = adjust(replace(scene, pictures=pictures), start, CONFIG)
+    assert set(answer.kept_objects.values()) == {NOT_SEEN} and len(answer.kept_objects) == 3
+    assert np.array_equal(answer.state.world_from_camera, start.world_from_camera)
+    assert set(answer.kept_cameras) == {1, 2}
+
+
+@pytest.mark.parametrize("value", [0.0, np.nan, np.inf])
+def test_depth_without_a_number_is_no_depth(rng: np.random.Generator, value: float) -> None:
+    scene, start = rig(rng), shaken(rng)
+    empty = np.full((CAMERA.height, CAMERA.width), value, np.float32)
+    pictures = [replace(each, depth=DepthImage(empty, CAMERA, np.eye(4))) for each in scene.pictures]
+    answer = adjust(replace(scene, pictures=pictures), start, CONFIG)
+    rgb = adjust(replace(scene, pictures=[replace(each, depth=None) for each in pictures]), start, CONFIG)
+    assert not answer.points.any() and answer.lines.min() > 50
+    assert np.allclose(answer.state.world_from_camera, rgb.state.world_from_camera, atol=1e-9)
+
+
+def test_a_picture_without_texture_says_no_more_than_the_estimates(rng: np.random.Generator) -> None:
+    scene, start = rig(rng, depth=False), shaken(rng)
+    blank = [Picture(np.full((CAMERA.height, CAMERA.width, 3), 90, np.uint8), CAMERA)] * 3
+    answer = adjust(replace(scene, pictures=blank), start, RGB)
+    assert np.all(np.isfinite(answer.state.world_from_camera)) and camera_errors(answer.state).max() < 60
+
+
+def test_two_cameras_of_one_place_stay_together(rng: np.random.Generator) -> None:
+    scene, start = rig(rng), shaken(rng)
+    twin = replace(
+        scene,
+        pictures=[scene.pictures[0], scene.pictures[0], scene.pictures[2]],
+        estimated=scene.estimated[np.r_[0:3, 0:3, 6:9]],
+    )
+    together = start.world_from_camera.copy()
+    together[1] = se3.plus(together[0], 0.005 * np.ones(6))
+    answer = adjust(twin, State(together, start.world_from_object), CONFIG)
+    first, second = answer.state.world_from_camera[:2]
+    assert np.linalg.norm(se3.minus(second, first)) < 1e-3
+
+
+def test_the_step_solves_the_system_that_problem_has(rng: np.random.Generator) -> None:
+    # Without pictures both know the estimated poses alone, but for the slight damping of the step.
+    scene, start = rig(rng), shaken(rng)
+    config = AdjustmentConfig(region=None, depth=None, rotation_damping=0.0, translation_damping=0.0)
+    taking = Participants(np.ones(3, np.bool_), np.ones(3, np.bool_), scene.fixed)
+    occluders = find_occluders(scene, start, config)
+    system = System(scene, taking, occluders, learn_colors(scene, occluders, config), config)
+    mine, _ = system.step(system.search(start, 0), start, np.ones(9))
+    problem = Problem((scene.prior(config.tail),), scene.fixed)
+    theirs = problem.retract(start, problem.linearize(start)[1].solve(0.0))
+    assert np.allclose(edge_poses(scene, mine), edge_poses(scene, theirs), atol=1e-3)
+
+
+def test_a_picture_is_checked_when_it_is_made() -> None:
+    with pytest.raises(ValueError, match=r"uint8 \(240, 320, 3\)"):
+        Picture(np.zeros((240, 321, 3), np.uint8), CAMERA)
+    with pytest.raises(ValueError, match="undistort"):
+        Picture(np.zeros((2, 2, 3), np.uint8), Camera(np.eye(3), 2, 2, (0.1, 0.0, 0.0, 0.0)))
