@@ -12,6 +12,7 @@ from multicam.bundle.depth.factor import DepthFactor
 from multicam.bundle.depth.points import find_points
 from multicam.bundle.depth_image import DepthImage
 from multicam.bundle.factor import EdgeFactor
+from multicam.bundle.ideal import require_ideal
 from multicam.bundle.occlusion import Occluders
 from multicam.bundle.region.colors import ColorModel, colors_at
 from multicam.bundle.region.config import RegionConfig
@@ -62,11 +63,7 @@ class Sight:
     occluders: Occluders = field(default_factory=Occluders)
 
     def __post_init__(self) -> None:
-        expected = (self.camera.height, self.camera.width, 3)
-        if self.image.shape != expected or self.image.dtype != np.uint8:
-            raise ValueError(f"image is {self.image.dtype} {self.image.shape}, its camera says uint8 {expected}")
-        if self.camera.distortion:
-            raise ValueError("lines are straight under an ideal lens only; undistort the picture first")
+        require_ideal(self.image, self.camera)
 
 
 @dataclass(frozen=True, eq=False)

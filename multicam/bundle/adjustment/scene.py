@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from multicam.bundle.depth_image import DepthImage
+from multicam.bundle.ideal import require_ideal
 from multicam.bundle.odometry import OdometryFactor
 from multicam.bundle.pose import PoseFactor
 from multicam.bundle.robust import Student
@@ -33,11 +34,7 @@ class Picture:
     depth: DepthImage | None = None
 
     def __post_init__(self) -> None:
-        expected = (self.camera.height, self.camera.width, 3)
-        if self.image.shape != expected or self.image.dtype != np.uint8:
-            raise ValueError(f"image is {self.image.dtype} {self.image.shape}, its camera says uint8 {expected}")
-        if self.camera.distortion:
-            raise ValueError("lines are straight under an ideal lens only; undistort the picture first")
+        require_ideal(self.image, self.camera)
 
 
 @dataclass(frozen=True, eq=False)
