@@ -89,7 +89,7 @@ def compare(config: TrainConfig, pairs: int) -> list[str]:
         ours, theirs = [], []
         for i in range(pairs + 2):
             batch = batches[i % len(batches)].to(group.device)
-            actions = [(ours, lambda b: run._step(learner, b, stage, 0)), (theirs, plain.step)]
+            actions = [(ours, lambda b: run.step(learner, b, stage, 0)), (theirs, plain.step)]
             for times, action in actions if i % 2 else actions[::-1]:
                 started = time.perf_counter(), time.process_time()
                 action(batch)
