@@ -64,15 +64,18 @@ class DynamicCoordinateClassifier(nn.Module):
         self.register_buffer("frequency", frequency, persistent=False)
         self.register_buffer("steps", torch.linspace(-0.5, 0.5, bins), persistent=False)
 
-    def forward(self, pose_vectors: Tensor, boxes: Tensor, centres: Tensor) -> DccOutputs:
+    def forward(
+        self, pose_vectors: Tensor, boxes: Tensor, centres: Tensor, features: Tensor | None = None
+    ) -> DccOutputs:
         """Reads the keypoints of M instances.
 
         Args:
             pose_vectors: (M, D) of the cells that hold the instances.
             boxes: (M, 4) x0 y0 x1 y1 pixels.
             centres: (M, 2) pixel centres of the cells.
+            features: of the pose vectors, where they have been computed before, in half precision.
         """
-        return self.read(self.features(pose_vectors), pose_vectors, boxes, centres)
+        return self.read(self.features(pose_vectors) if features is None else features, pose_vectors, boxes, centres)
 
     def features(self, pose_vectors: Tensor) -> Tensor:
         """(M, K, C) of the keypoints; half precision does for this part."""

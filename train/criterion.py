@@ -79,7 +79,7 @@ def _classify(
     trusted = box_iou(boxes, true_boxes)[:, None] > _TRUSTED_IOU
     chosen = torch.where(trusted, boxes, true_boxes)
     vectors = raw.pose_vectors[image, cell].float()
-    return detector.classifier.read(features.float(), vectors, chosen, raw.centres[cell])
+    return detector.classifier(vectors, chosen, raw.centres[cell], features.float())
 
 
 def _proxy_target(dcc: DccOutputs, proxy: Tensor, keypoints: Tensor, stage: StageConfig) -> tuple[Tensor, Tensor]:

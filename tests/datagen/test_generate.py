@@ -99,7 +99,8 @@ def test_vertices_masks_and_depth_agree(rendered: Path, stock: Stock) -> None:
             checked += int(on_surface.sum())
             assert instance.box is not None
             assert np.all(pixels > np.maximum(instance.box[:2], (-64.5, -48.5)) - 1e-6) or np.any(pixels < -48)
-    assert checked > 100
+    # Pictures this small show few vertices; there must be some to compare.
+    assert checked > 50
 
 
 def test_silhouettes_of_both_renderers_agree(rendered: Path) -> None:
