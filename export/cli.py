@@ -14,7 +14,7 @@ from export.half import halved
 from export.int8 import write_int8
 from export.loss import Loss, measure_loss
 from export.parity import Parity, compare
-from export.pictures import read_pictures, read_split, spread
+from export.pictures import read_pictures, read_split
 from export.to_onnx import write_onnx
 from export.wrapper import DeployDetector
 from multicam.config import parse_command, save_config
@@ -22,6 +22,7 @@ from multicam.files import write_atomic
 from multicam.inference.metadata import NetworkMetadata
 from multicam.inference.session import Network
 from multicam.progress import Progress, RichProgress, SilentProgress
+from multicam.spread import spread
 
 _MOST_COMPARED = 12
 """Pictures compared with PyTorch; more show nothing new."""

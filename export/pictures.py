@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
-
-import numpy as np
 
 from multicam.dataset.bop_reader import IMAGE_SUFFIXES, ImageRecord, list_scenes, read_image, read_scene
 from multicam.errors import DataError
 from multicam.files import require_folder
+from multicam.spread import spread
 from multicam.types import ImageArray
-
-Item = TypeVar("Item")
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,9 +51,3 @@ def read_split(folder: Path, most: int) -> list[Picture]:
     if not paths:
         raise DataError(f"{folder} holds no pictures in its scenes (rgb or gray folders).")
     return [Picture(read_image(path), record) for record, path in spread(list(paths.items()), most)]
-
-
-def spread(items: Sequence[Item], most: int) -> list[Item]:
-    """At most so many items, evenly from first to last."""
-    chosen = np.linspace(0, len(items) - 1, min(most, len(items))).round().astype(int)
-    return [items[i] for i in chosen]

@@ -19,6 +19,7 @@ _WHOLE = 0.99
 """Share from which a pixel shows an object and nothing else."""
 
 _MOSAIC_SCALE = (0.5, 1.0)
+"""Least and greatest zoom of the four parts of a mosaic."""
 
 Labeller = Callable[[Picture, FloatArray, Region], Labels]
 """Labels of a picture drawn by an affine map into a region of the input."""

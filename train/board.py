@@ -12,7 +12,8 @@ from multicam.types import ImageArray
 from train.samples import TrainedObject
 from train.validate import Prediction
 
-_PICTURES = 8
+PICTURES = 8
+"""Validation pictures that are shown."""
 _COLOURS = ((255, 60, 60), (60, 220, 60), (70, 130, 255), (255, 200, 40), (220, 90, 255), (60, 220, 220))
 
 
@@ -31,7 +32,7 @@ class Board:
 
     def pictures(self, predictions: Sequence[Prediction], objects: Sequence[TrainedObject], step: int) -> None:
         """Adds the first pictures with detections drawn in."""
-        drawn = np.stack([draw(p, objects) for p in predictions[:_PICTURES]])
+        drawn = np.stack([draw(p, objects) for p in predictions[:PICTURES]])
         self._writer.add_images("validation/keypoints", drawn, step, dataformats="NHWC")
 
     def close(self) -> None:

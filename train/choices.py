@@ -10,14 +10,13 @@ from typing import Any, NamedTuple
 import torch
 
 from models.config import Size
+from models.dcc import ENLARGEMENT
 
 _GRID = 32
 _LEAST_SIDE = 32.0
 """Pixels of the input that nine in ten objects should measure: four cells of stride 8."""
 _BIN = 1.5
 """Pixels that a bin of the coordinate classifier may measure on nine in ten objects."""
-_ENLARGEMENT = 1.25
-"""Side of the range of bins over the side of the box."""
 _GPU_MEMORY = 24e9
 _GPU_BATCH = 16
 """Pictures of 640 x 480 that the m network may take in a step with that memory."""
@@ -113,7 +112,7 @@ def input_sizes(pictures: Pictures, width: int, height: int) -> dict[str, int]:
 
 def choose_bins(pictures: Pictures, width: int) -> tuple[int, str]:
     """Bins per axis of the coordinate classifier."""
-    side = pictures.large * width / pictures.width * _ENLARGEMENT
+    side = pictures.large * width / pictures.width * ENLARGEMENT
     bins = 128 if side / 128 <= _BIN else 256
     return bins, f"{bins} bins: {side / bins:.1f} pixels each on large objects."
 

@@ -36,9 +36,7 @@ def criterion(
 
     boxes, true_boxes = raw.boxes[image, cell], batch.boxes[image, instance]
     keypoints, size = batch.keypoints[image, instance], instance_size(true_boxes)
-    with torch.autocast(boxes.device.type, torch.bfloat16, enabled=config.precision == "bf16"):
-        features = detector.classifier.features(raw.pose_vectors[image, cell])
-    dcc = _classify(detector, raw, features, image, cell, boxes.detach(), true_boxes)
+    dcc = _classify(detector, raw, image, cell, boxes.detach(), true_boxes, config)
     proxy = raw.proxy[image, cell]
     target, counted = _proxy_target(dcc, proxy, keypoints, stage)
     judged = proxy if stage.proxy_target == "truth" else dcc.keypoints
@@ -69,17 +67,19 @@ def total(losses: dict[str, Tensor], stage: StageConfig) -> Tensor:
 def _classify(
     detector: Detector,
     raw: RawOutputs,
-    features: Tensor,
     image: Tensor,
     cell: Tensor,
     boxes: Tensor,
     true_boxes: Tensor,
+    config: TrainConfig,
 ) -> DccOutputs:
-    """Reads the positive cells in fp32; no gradient reaches the boxes through the bins."""
+    """Reads the positive cells, from features on in fp32; no gradient reaches the boxes through the bins."""
     trusted = box_iou(boxes, true_boxes)[:, None] > _TRUSTED_IOU
     chosen = torch.where(trusted, boxes, true_boxes)
-    vectors = raw.pose_vectors[image, cell].float()
-    return detector.classifier(vectors, chosen, raw.centres[cell], features.float())
+    vectors = raw.pose_vectors[image, cell]
+    with torch.autocast(boxes.device.type, torch.bfloat16, enabled=config.precision == "bf16"):
+        features = detector.classifier.features(vectors)
+    return detector.classifier(vectors.float(), chosen, raw.centres[cell], features.float())
 
 
 def _proxy_target(dcc: DccOutputs, proxy: Tensor, keypoints: Tensor, stage: StageConfig) -> tuple[Tensor, Tensor]:

@@ -29,7 +29,7 @@ from train.samples import PictureStore, TrainedObject, prepare_objects, read_rec
 from train.shared_norm import share_norms
 from train.validate import figures, is_better, predict
 
-_LOG_EVERY = 20
+LOG_EVERY = 20
 """Steps between points in TensorBoard."""
 
 log = logging.getLogger(__name__)
@@ -131,7 +131,7 @@ class Run:
             losses = self.step(learner, batch.to(self.group.device), stage, number)
             for name, value in losses.items():
                 sums[name] += value
-            if self.board and number % _LOG_EVERY == 0:
+            if self.board and number % LOG_EVERY == 0:
                 self.board.scalars("train", losses, number)
             self._moved(epoch, step + 1)
             if self.group.any(stop.given):

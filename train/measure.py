@@ -17,9 +17,10 @@ from torch.utils.flop_counter import FlopCounterMode
 
 from models.detector import count_parameters
 from multicam.progress import Progress, SilentProgress
+from train.board import PICTURES
 from train.config import StageConfig, TrainConfig
 from train.distributed import process_group
-from train.fit import Learner, Run
+from train.fit import LOG_EVERY, Learner, Run
 from train.loader import Batch, training_loader
 from train.validate import predict
 
@@ -31,7 +32,6 @@ _SCALARS = 500
 """Bytes of TensorBoard per point of all losses."""
 _PICTURE_BYTES = 1.2
 """Bytes per pixel of a validation picture in TensorBoard, as PNG."""
-_PICTURES = 8
 
 
 @dataclass(frozen=True)
@@ -213,8 +213,8 @@ def _disk(run: Run, validations: int) -> int:
     state = sum(t.numel() * t.element_size() for t in run.detector.state_dict().values())
     moments = 2 * sum(p.numel() * p.element_size() for p in run.detector.parameters())
     network = run.config.network
-    pictures = _PICTURES * network.input_width * network.input_height * _PICTURE_BYTES
-    points = run.config.stages.epochs * len(run.sampler) // 20
+    pictures = PICTURES * network.input_width * network.input_height * _PICTURE_BYTES
+    points = run.config.stages.epochs * len(run.sampler) // LOG_EVERY
     return int(3 * (2 * state + moments) + points * _SCALARS + validations * pictures)
 
 

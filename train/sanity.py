@@ -14,6 +14,7 @@ from torch.nn.modules.batchnorm import _BatchNorm
 from multicam.errors import DataError
 from multicam.files import write_bytes
 from multicam.progress import Progress, SilentProgress
+from multicam.spread import spread
 from train.board import draw
 from train.config import LossWeights, StageConfig, StagesConfig, TrainConfig
 from train.distributed import process_group
@@ -145,12 +146,12 @@ def _pictures(run: Run) -> ValidationSet:
         store = PictureStore([records[i] for i in chosen], True, SilentProgress())
         return ValidationSet(store, objects, run.config.network, run.config.minimum_visible)
 
-    spread = np.unique(np.linspace(0, len(records) - 1, 4 * _PICTURES).astype(int)).tolist()
-    tried = view(spread)
-    useful = [i for place, i in enumerate(spread) if not tried[place][1].ignored.all()]
+    candidates = spread(range(len(records)), 4 * _PICTURES)
+    tried = view(candidates)
+    useful = [i for place, i in enumerate(candidates) if not tried[place][1].ignored.all()]
     if not useful:
         raise DataError(
-            f"none of {len(spread)} pictures shows an object by more than minimum_visible "
+            f"none of {len(candidates)} pictures shows an object by more than minimum_visible "
             f"({run.config.minimum_visible:g}) of itself; there is nothing to learn."
         )
     return view([useful[i * len(useful) // _PICTURES] for i in range(min(_PICTURES, len(useful)))])

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
 from models.detector import Decoded, Detector
 from multicam.evaluation.pose_error import add, add_s
 from multicam.geometry import se3
+from multicam.geometry.boxes import overlap
 from multicam.geometry.camera import Camera
 from multicam.inference.decode import DecodeConfig, RawDetections, suppress
 from multicam.inference.pnp import PnpConfig, PnpSolution, solve_pnp
@@ -122,10 +122,7 @@ def _outcomes(prediction: Prediction, objects: Sequence[TrainedObject]) -> list[
 
 def _best_match(box: FloatArray, index: int, found: RawDetections) -> int | None:
     """The detection of the class that overlaps the box most, at least by half."""
-    low, high = np.maximum(found.boxes[:, :2], box[:2]), np.minimum(found.boxes[:, 2:], box[2:])
-    common = np.maximum(high - low, 0).prod(axis=1)
-    whole = (box[2:] - box[:2]).prod() + (found.boxes[:, 2:] - found.boxes[:, :2]).prod(axis=1) - common
-    iou: NDArray[np.float64] = np.where(found.labels == index, common / whole, 0)
+    iou = np.where(found.labels == index, overlap(box[None], found.boxes.astype(np.float64))[0], 0)
     return int(iou.argmax()) if iou.size and iou.max() >= 0.5 else None
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from rich.console import Console
 
 from multicam.commands.candidates import read_candidates
-from multicam.commands.evaluate_split import PAGE, ask_network, by_image, report_split, spread
+from multicam.commands.evaluate_split import PAGE, ask_network, by_image, limited, report_split
 from multicam.commands.run import ESTIMATES, RESULTS, write_report
 from multicam.config import parse_command, save_config
 from multicam.dataset.objects import load_catalogue
@@ -131,7 +131,7 @@ def evaluate_dataset(config: EvaluateConfig, dataset: Path, folder: Path, progre
     catalogue = load_catalogue(require_folder(dataset, "data set folder"))
     split = dataset / config.split
     given: Estimates = {} if config.candidates is None else read_candidates(config.candidates, catalogue)
-    records = spread(read_split(split, given), config.limit)
+    records = limited(read_split(split, given), config.limit)
     subtitle = [f"Estimates {config.candidates}", f"Pictures {split}"]
     if config.network is None:
         errors = evaluate_split(records, given, None, PointSets(catalogue), selection, progress)

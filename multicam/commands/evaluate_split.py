@@ -7,8 +7,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from multicam.commands.run import check_objects
 from multicam.dataset.bop_reader import ImageRecord, read_image
 from multicam.dataset.objects import Catalogue
@@ -21,6 +19,7 @@ from multicam.evaluation.split_report import split_statements, split_tables
 from multicam.inference.estimator import Estimator, EstimatorConfig
 from multicam.inference.session import Network, SessionConfig
 from multicam.progress import Progress
+from multicam.spread import spread
 from multicam.types import Detection, ObjectEstimate
 from multicam.visualization.evaluation_page import write_evaluation_page
 
@@ -37,18 +36,15 @@ Row = tuple[int, int, ObjectEstimate, float]
 """Scene, image, estimate and seconds, as a results file has them."""
 
 
-def spread(records: Sequence[ImageRecord], limit: int | None) -> list[ImageRecord]:
+def limited(records: Sequence[ImageRecord], limit: int | None) -> list[ImageRecord]:
     """At most `limit` images, evenly over the split.
 
     Raises:
         ConfigError: the limit is not positive.
     """
-    if limit is None or limit >= len(records):
-        return list(records)
-    if limit < 1:
+    if limit is not None and limit < 1:
         raise ConfigError(f"--limit is {limit}; at least one image must be judged.")
-    chosen = np.unique(np.linspace(0, len(records) - 1, limit).round().astype(int))
-    return [records[i] for i in chosen]
+    return list(records) if limit is None else spread(records, limit)
 
 
 def ask_network(

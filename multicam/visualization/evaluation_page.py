@@ -16,7 +16,9 @@ from multicam.evaluation.split_report import split_statements, stated_poses
 from multicam.files import write_text
 from multicam.progress import Progress
 from multicam.visualization.evaluation_charts import accuracy_chart, bins_chart, calibration_chart
+from multicam.visualization.overlay import to_hex
 from multicam.visualization.pictures import data_uri, encode_jpeg
+from multicam.visualization.templating import filled
 from multicam.visualization.worst_cases import ESTIMATED_COLOR, TRUE_COLOR, WorstCase, choose_worst, draw_case
 
 SHOWN_WIDTH = 480
@@ -35,11 +37,6 @@ def write_evaluation_page(
     Raises:
         DataError: a picture or a mesh cannot be read.
     """
-    from jinja2 import Environment, PackageLoader
-
-    environment = Environment(
-        loader=PackageLoader("multicam.visualization"), autoescape=True, trim_blocks=True, lstrip_blocks=True
-    )
     by_title = {table.title: table for table in tables}
     bins = [by_title[title] for title in ("By distance", "By visibility") if title in by_title]
     facts, warnings = split_statements(errors)
@@ -50,7 +47,8 @@ def write_evaluation_page(
     if errors.network is not None:
         keypoints = [e for found in errors.network.keypoints.values() for e in found]
         calibration = data_uri(calibration_chart(keypoints, stated_poses(errors), errors.catalogue), "svg+xml")
-    page = environment.get_template("evaluation.html").render(
+    page = filled(
+        "evaluation.html",
         title="Object poses against ground truth",
         subtitle=subtitle,
         version=__version__,
@@ -61,7 +59,7 @@ def write_evaluation_page(
         bins=data_uri(bins_chart(bins), "svg+xml"),
         calibration=calibration,
         cases=[(_picture(case), case.title, case.text) for case in cases],
-        colors=("#{:02x}{:02x}{:02x}".format(*TRUE_COLOR), "#{:02x}{:02x}{:02x}".format(*ESTIMATED_COLOR)),
+        colors=(to_hex(TRUE_COLOR), to_hex(ESTIMATED_COLOR)),
     )
     write_text(path, page)
 

@@ -45,7 +45,12 @@ def color_of(obj_id: int) -> Color:
 
 def hex_of(obj_id: int) -> str:
     """The same colour as pages write it, #rrggbb."""
-    return "#" + "".join(f"{channel:02x}" for channel in color_of(obj_id))
+    return to_hex(color_of(obj_id))
+
+
+def to_hex(color: Color) -> str:
+    """A colour as pages write it, #rrggbb."""
+    return "#" + "".join(f"{channel:02x}" for channel in color)
 
 
 def draw_outlines(image: ImageArray, camera: Camera, outlines: Sequence[Outline]) -> ImageArray:

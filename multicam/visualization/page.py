@@ -20,9 +20,11 @@ from multicam.evaluation.single_view_tables import single_view_table
 from multicam.evaluation.tables import camera_table, coverage_table, object_table, statements, time_table
 from multicam.files import write_bytes, write_text
 from multicam.progress import Progress
+from multicam.spread import spread
 from multicam.visualization.charts import drift_chart, error_chart, time_chart
 from multicam.visualization.overlay import hex_of
 from multicam.visualization.pictures import data_uri, encode_jpeg, overlay_path
+from multicam.visualization.templating import filled
 from multicam.visualization.topview import STATUS_COLORS, TopView, TrueWorld
 
 SHOWN_STEPS = 24
@@ -58,21 +60,15 @@ def write_page(
     Returns:
         The page.
     """
-    from jinja2 import Environment, PackageLoader
-
     catalogue = recording.catalogue
     truth = None if errors is None else true_world(run, recording)
     top_view = TopView(run, truth)
-    shown = np.unique(np.linspace(0, len(run.steps) - 1, min(SHOWN_STEPS, len(run.steps))).round().astype(int))
+    shown = spread(range(len(run.steps)), SHOWN_STEPS)
     steps = [
-        _shown_step(folder, run, int(number), top_view)
-        for number in progress.track(shown, "writing the page", len(shown))
+        _shown_step(folder, run, number, top_view) for number in progress.track(shown, "writing the page", len(shown))
     ]
     facts, warnings = statements(run, errors, catalogue)
     seen = sorted({o.obj_id for step in run.steps for o in step.objects})
-    environment = Environment(
-        loader=PackageLoader("multicam.visualization"), autoescape=True, trim_blocks=True, lstrip_blocks=True
-    )
     tables = {
         "camera_table": camera_table(run, errors) if errors else None,
         "coverage_table": coverage_table(run),
@@ -80,7 +76,8 @@ def write_page(
         "object_table": object_table(errors, catalogue) if errors else None,
         "single_view_table": single_view_table(errors.single_view, catalogue) if errors else None,
     }
-    page = environment.get_template("report.html").render(
+    page = filled(
+        "report.html",
         title="Camera poses from known objects",
         subtitle=subtitle,
         version=__version__,
