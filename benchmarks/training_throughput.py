@@ -61,7 +61,7 @@ class PlainRun:
     def __init__(self, run: Run) -> None:
         torch.manual_seed(0)
         self.network = PlainYolox(run.model_config).to(run.group.device, memory_format=torch.channels_last)
-        self.average = MovingAverage(copy.deepcopy(self.network), run.config.ema_decay)  # pyright: ignore[reportArgumentType]
+        self.average = MovingAverage(self.network, run.config.ema_decay)
         self.optimizer = torch.optim.SGD(self.network.parameters(), 1e-3, 0.9, nesterov=True, weight_decay=5e-4)
         self.half = run.config.precision == "bf16"
 
@@ -74,7 +74,7 @@ class PlainRun:
         self.optimizer.zero_grad(set_to_none=True)
         value.backward()
         self.optimizer.step()
-        self.average.update(self.network)  # pyright: ignore[reportArgumentType]
+        self.average.update()
         return value.item()
 
 

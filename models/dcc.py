@@ -30,7 +30,7 @@ class DccOutputs(NamedTuple):
 
     Attributes:
         keypoints: (M, K, 2) expectation of the heat maps.
-        logits_x, logits_y: (M, K, bins).
+        heat_x, heat_y: (M, K, bins) probability of each bin.
         bins_x, bins_y: (M, bins) position of each bin.
         sigma: (M, K) learned scale, relative to twice the size of the instance.
         variance: (M, K, 2) of the heat maps, square pixels.
@@ -38,8 +38,8 @@ class DccOutputs(NamedTuple):
     """
 
     keypoints: Tensor
-    logits_x: Tensor
-    logits_y: Tensor
+    heat_x: Tensor
+    heat_y: Tensor
     bins_x: Tensor
     bins_y: Tensor
     sigma: Tensor
@@ -88,17 +88,17 @@ class DynamicCoordinateClassifier(nn.Module):
         size = (boxes[:, 2:] - boxes[:, :2]) * ENLARGEMENT
         bins = middle[:, None] + self.steps[:, None] * size[:, None]
         offset = middle - centres
-        logits_x = self._logits(features, self.encode_x, offset[:, 0], size[:, 0])
-        logits_y = self._logits(features, self.encode_y, offset[:, 1], size[:, 1])
-        mean_x, variance_x = _moments(logits_x, bins[..., 0])
-        mean_y, variance_y = _moments(logits_y, bins[..., 1])
+        heat_x = self._logits(features, self.encode_x, offset[:, 0], size[:, 0]).softmax(dim=2)
+        heat_y = self._logits(features, self.encode_y, offset[:, 1], size[:, 1]).softmax(dim=2)
+        mean_x, variance_x = _moments(heat_x, bins[..., 0])
+        mean_y, variance_y = _moments(heat_y, bins[..., 1])
         sigma = torch.sigmoid(self.to_sigma(pose_vectors)) * self.sigma_scale
         variance = torch.stack((variance_x, variance_y), dim=-1)
         # The likelihood is a Laplace density of scale 2 sigma size, whose deviation is sqrt(2) times that.
         learned = 2 * math.sqrt(2) * sigma * instance_size(boxes)[:, None]
         std = torch.maximum(variance, learned[..., None] ** 2).clamp(min=_LEAST_STD**2).sqrt()
         keypoints = torch.stack((mean_x, mean_y), dim=-1)
-        return DccOutputs(keypoints, logits_x, logits_y, bins[..., 0], bins[..., 1], sigma, variance, std)
+        return DccOutputs(keypoints, heat_x, heat_y, bins[..., 0], bins[..., 1], sigma, variance, std)
 
     def _logits(self, features: Tensor, encode: nn.Linear, offset: Tensor, size: Tensor) -> Tensor:
         """Feature times linearly mapped sine encoding of the bins at offset + steps * size (M,); (M, K, bins).
@@ -164,9 +164,8 @@ def instance_size(boxes: Tensor) -> Tensor:
     return (0.53 / 2 * (boxes[..., 2:] - boxes[..., :2]).square().sum(dim=-1)).sqrt()
 
 
-def _moments(logits: Tensor, bins: Tensor) -> tuple[Tensor, Tensor]:
+def _moments(heat: Tensor, bins: Tensor) -> tuple[Tensor, Tensor]:
     """Mean and variance (M, K) of the heat maps (M, K, bins)."""
-    probability = logits.softmax(dim=2)
-    mean = (probability * bins[:, None]).sum(dim=2)
-    variance = (probability * (bins[:, None] - mean[..., None]).square()).sum(dim=2)
+    mean = (heat * bins[:, None]).sum(dim=2)
+    variance = (heat * (bins[:, None] - mean[..., None]).square()).sum(dim=2)
     return mean, variance

@@ -81,6 +81,7 @@ class Run:
         self.average = MovingAverage(self.detector, config.ema_decay)
         if group.processes > 1 and config.shared_norms:
             share_norms(self.detector)
+        self.parameters = list(self.detector.parameters())
         self.optimizer = build_optimizer(self.detector, config.weight_decay)
         self.dataset, self.validation, self.objects = _datasets(config, self.catalogue, progress)
         self.sampler = EpochSampler(len(self.dataset), config.batch_size, config.seed, group.rank, group.processes)
@@ -163,9 +164,9 @@ class Run:
             )
         self.optimizer.zero_grad(set_to_none=True)
         loss.backward()
-        nn.utils.clip_grad_norm_(self.detector.parameters(), self.config.gradient_clip)
+        nn.utils.clip_grad_norm_(self.parameters, self.config.gradient_clip)
         self.optimizer.step()
-        self.average.update(self.detector)
+        self.average.update()
         return losses | {"total": loss.item(), "learning_rate": rate}
 
     def _finish_epoch(self, epoch: int, pictures_per_second: float, losses: dict[str, float]) -> None:

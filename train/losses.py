@@ -27,8 +27,8 @@ def likelihood_loss(dcc: DccOutputs, target: Tensor, size: Tensor) -> Tensor:
     """
     sigma = dcc.sigma.clamp(min=1e-3)
     scale = 2 * sigma * size.clamp(min=1)[:, None]
-    density_x = _density(dcc.logits_x, dcc.bins_x, target[..., 0], sigma, scale)
-    density_y = _density(dcc.logits_y, dcc.bins_y, target[..., 1], sigma, scale)
+    density_x = _density(dcc.heat_x, dcc.bins_x, target[..., 0], sigma, scale)
+    density_y = _density(dcc.heat_y, dcc.bins_y, target[..., 1], sigma, scale)
     loss = -(density_x * density_y + 1e-4).log()
     inside = in_range(dcc, target)
     return (loss * inside).sum(dim=1) / target.shape[1]
@@ -91,7 +91,7 @@ def in_range(dcc: DccOutputs, target: Tensor) -> Tensor:
     return (within_x & within_y).to(target.dtype)
 
 
-def _density(logits: Tensor, bins: Tensor, target: Tensor, sigma: Tensor, scale: Tensor) -> Tensor:
+def _density(heat: Tensor, bins: Tensor, target: Tensor, sigma: Tensor, scale: Tensor) -> Tensor:
     """Expectation over the heat map of exp(-|target - bin| / scale) / sigma; (P, K)."""
     distance = (target[..., None] - bins[:, None]).abs()
-    return (logits.softmax(dim=2) * torch.exp(-distance / scale[..., None])).sum(dim=2) / sigma
+    return (heat * torch.exp(distance * (-1 / scale)[..., None])).sum(dim=2) / sigma

@@ -31,19 +31,24 @@ def learning_rate(stages: StagesConfig, steps_per_epoch: int, warmup_steps: int,
 
 
 class MovingAverage:
-    """Exponential moving average of weights and buffers; young averages forget faster."""
+    """Exponential moving average of a model's weights and buffers; young averages forget faster.
 
-    def __init__(self, model: Detector, decay: float) -> None:
+    The model's tensors must stay where they are; their values may be loaded anew.
+    """
+
+    def __init__(self, model: nn.Module, decay: float) -> None:
         self.model = copy.deepcopy(model).eval().requires_grad_(False)
         self.decay, self.updates = decay, 0
+        # Looked up once: to walk through all modules takes longer than to average them.
+        pairs = list(zip(self.model.state_dict().values(), model.state_dict().values(), strict=True))
+        self._kept, self._new = zip(*(pair for pair in pairs if pair[0].is_floating_point()), strict=True)
+        self._counts = [pair for pair in pairs if not pair[0].is_floating_point()]
 
     @torch.no_grad()
-    def update(self, model: Detector) -> None:
+    def update(self) -> None:
         """Moves the average towards the model by 1 - min(decay, (1 + n) / (10 + n)) at the n-th update."""
         self.updates += 1
         decay = min(self.decay, (1 + self.updates) / (10 + self.updates))
-        pairs = list(zip(self.model.state_dict().values(), model.state_dict().values(), strict=True))
-        kept, new = zip(*(pair for pair in pairs if pair[0].is_floating_point()), strict=True)
-        torch._foreach_lerp_(kept, new, 1 - decay)
-        for count, latest in (pair for pair in pairs if not pair[0].is_floating_point()):
+        torch._foreach_lerp_(self._kept, self._new, 1 - decay)
+        for count, latest in self._counts:
             count.copy_(latest)

@@ -27,22 +27,21 @@ def test_bins_span_the_enlarged_box() -> None:
     assert math.isclose(out.bins_y[0, -1].item(), 40 + 20 * ENLARGEMENT, abs_tol=1e-4)
 
 
-def test_logits_are_the_product_of_features_and_linearly_mapped_sine_encodings() -> None:
+def test_heat_maps_compare_features_with_linearly_mapped_sine_encodings() -> None:
     dcc = classifier(bins=16)
     vectors, boxes, centres = some_instances()
     out = dcc(vectors, boxes, centres)
     features = dcc.mix(dcc.norm(dcc.to_features(vectors)).unflatten(1, (8, 128)))
     angles = (out.bins_y - centres[:, 1:])[..., None] * 300.0 ** -(torch.arange(64) / 64)
     encoded = dcc.encode_y(torch.cat((angles.cos(), angles.sin()), dim=-1))
-    assert torch.allclose(out.logits_y, features @ encoded.transpose(1, 2), atol=1e-4)
+    assert torch.allclose(out.heat_y, (features @ encoded.transpose(1, 2)).softmax(dim=2), atol=1e-5)
 
 
 def test_keypoints_and_variance_are_the_moments_of_the_heat_maps() -> None:
     out = classifier()(*some_instances())
-    probability = out.logits_x.softmax(-1)
-    mean = torch.einsum("mkb,mb->mk", probability, out.bins_x)
+    mean = torch.einsum("mkb,mb->mk", out.heat_x, out.bins_x)
     assert torch.allclose(out.keypoints[..., 0], mean, atol=1e-4)
-    second = torch.einsum("mkb,mb->mk", probability, out.bins_x**2)
+    second = torch.einsum("mkb,mb->mk", out.heat_x, out.bins_x**2)
     assert torch.allclose(out.variance[..., 0], second - mean**2, atol=1e-2)
 
 
@@ -82,7 +81,7 @@ def test_instance_size_is_cocos_for_squares_and_does_not_vanish_for_rods() -> No
 
 
 @pytest.mark.parametrize("bins", [8, 9])
-def test_logits_are_features_times_the_encoding_of_each_bin(bins: int) -> None:
+def test_heat_maps_compare_features_with_the_encoding_of_each_bin(bins: int) -> None:
     """The definition, bin by bin; the module takes a shorter way."""
     torch.manual_seed(0)
     classifier = DynamicCoordinateClassifier(pose_vector=16, num_keypoints=4, bins=bins).double()
@@ -90,12 +89,12 @@ def test_logits_are_features_times_the_encoding_of_each_bin(bins: int) -> None:
     boxes = torch.tensor([[10.0, 20, 70, 50], [0, 0, 8, 300], [-40, 5, 60, 9]]).double()
     centres = torch.tensor([[31.5, 31.5], [3.5, 99.5], [7.5, 7.5]]).double()
     outputs = classifier.read(features, vectors, boxes, centres)
-    for axis, (encode, logits, places) in enumerate(
+    for axis, (encode, heat, places) in enumerate(
         [
-            (classifier.encode_x, outputs.logits_x, outputs.bins_x),
-            (classifier.encode_y, outputs.logits_y, outputs.bins_y),
+            (classifier.encode_x, outputs.heat_x, outputs.bins_x),
+            (classifier.encode_y, outputs.heat_y, outputs.bins_y),
         ]
     ):
         angles = (places - centres[:, axis, None])[..., None] * classifier.frequency
         encoded = encode(torch.cat((angles.cos(), angles.sin()), dim=2))
-        torch.testing.assert_close(logits, features @ encoded.transpose(1, 2))
+        torch.testing.assert_close(heat, (features @ encoded.transpose(1, 2)).softmax(dim=2))

@@ -26,7 +26,7 @@ def step(detector: Detector, average: MovingAverage, optimizer: torch.optim.Adam
     for group in optimizer.param_groups:
         group["lr"] = 1e-3
     optimizer.step()
-    average.update(detector)
+    average.update()
 
 
 def save(folder: Path, run: tuple[Detector, MovingAverage, torch.optim.AdamW], state: RunState) -> None:

@@ -20,7 +20,7 @@ from train.losses import (
 
 def heat_maps(logits_x: list[float], logits_y: list[float], bins: list[float], sigma: float) -> DccOutputs:
     """One instance with one keypoint."""
-    x, y = torch.tensor([[logits_x]]).float(), torch.tensor([[logits_y]]).float()
+    x, y = torch.tensor([[logits_x]]).float().softmax(dim=2), torch.tensor([[logits_y]]).float().softmax(dim=2)
     places = torch.tensor([bins]).float()
     empty = torch.zeros(1, 1, 2)
     return DccOutputs(empty, x, y, places, places, torch.tensor([[sigma]]), empty, empty)
@@ -141,6 +141,7 @@ def test_the_likelihood_gradient_is_exact() -> None:
     empty = torch.zeros(1, 3, 2).double()
 
     def loss(x: torch.Tensor, y: torch.Tensor, sigma: torch.Tensor) -> torch.Tensor:
+        x, y = x.softmax(dim=2), y.softmax(dim=2)
         return likelihood_loss(DccOutputs(empty, x, y, bins, bins, sigma, empty, empty), target, size)
 
     inputs = [torch.randn(1, 3, 12).double().requires_grad_() for _ in range(2)]

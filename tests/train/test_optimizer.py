@@ -45,7 +45,7 @@ def test_the_average_moves_by_its_decay_and_takes_buffers_along() -> None:
         detector.head.levels[0].outputs.bias += 1
         detector.backbone.stem.norm.running_mean += 2
         detector.backbone.stem.norm.num_batches_tracked += 3
-    average.update(detector)
+    average.update()
     # The first update weighs the past with min(0.5, 2 / 11).
     assert torch.allclose(average.model.head.levels[0].outputs.bias, before + 9 / 11)
     assert torch.allclose(average.model.backbone.stem.norm.running_mean, torch.tensor(18 / 11))
