@@ -8,7 +8,6 @@ import math
 import torch
 from torch import nn
 
-from models.detector import Detector
 from train.config import StagesConfig
 
 
