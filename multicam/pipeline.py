@@ -7,11 +7,13 @@ the headset's tracked pose is that of its own picture, so the relative poses fou
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 
+from multicam.adjuster import Adjuster, Adjustment, BundleConfig, is_due
 from multicam.dataset.objects import Catalogue
-from multicam.dataset.runs import CameraResult, ObjectResult, Status, StepResult
+from multicam.dataset.runs import AdjustmentResult, CameraResult, ObjectResult, Status, StepResult
 from multicam.geometry import se3
 from multicam.geometry.camera import Camera
 from multicam.matching.linear import total_std
@@ -34,6 +36,8 @@ class PipelineConfig:
 
     registration: RegistrationConfig = field(default_factory=RegistrationConfig)
     graph: GraphConfig = field(default_factory=GraphConfig)
+    bundle: BundleConfig = field(default_factory=BundleConfig)
+    """Adjustment on the pictures, where some camera measures depth."""
 
 
 def start(headset: str, statics: Sequence[str], config: PipelineConfig) -> SceneGraph:
@@ -51,32 +55,70 @@ def step(
     estimates: Sequence[tuple[ObjectEstimate, ...]],
     catalogue: Catalogue,
     config: PipelineConfig,
+    adjuster: Adjuster | None = None,
 ) -> tuple[SceneGraph, StepResult]:
-    """Enters the views of one time step into the graph and solves it.
+    """Enters the views of one time step into the graph and solves it; twice where the pictures adjust the estimates.
 
     Args:
         estimates: for each frame of the set its object estimates, each with a covariance.
+        adjuster: moves the estimates of keyframes to where the pictures show the objects; None leaves them alone.
 
     Raises:
         DataError: an estimate of a class that the catalogue does not hold.
     """
-    began = time.perf_counter()
     now = frame_set.timestamp_ns
     frames = {frame.camera_id: frame for frame in frame_set.frames}
     views = [_view(frame, found) for frame, found in zip(frame_set.frames, estimates, strict=True)]
     tracked = _tracked_pose(graph, frames.get(graph.headset))
-    solution, reasons = advance(graph, views, tracked, catalogue, config.registration, now)
+    seconds = {"graph": 0.0} if adjuster is None else {"graph": 0.0, "bundle": 0.0}
+
+    def enter(views: Sequence[View]) -> tuple[Solution | None, StepResult]:
+        with _timed(seconds, "graph"):
+            solution, reasons = advance(graph, views, tracked, catalogue, config.registration, now)
+            return solution, _result(graph, solution, frames, tracked, reasons, now)
+
+    solution, result = enter(views)
+    if solution is not None and adjuster is not None and is_due(graph, solution.graph):
+        with _timed(seconds, "bundle"):
+            adjustment = adjuster.adjust(solution, views, frames, catalogue, config.registration.noise, now)
+        if adjustment is not None:
+            solution, adjusted = enter(adjustment.views)
+            result = replace(adjusted, adjustment=_adjustment_result(result, adjustment))
+    if solution is not None:
+        graph = keep(solution.graph, tracked is not None)
+    return graph, replace(result, seconds=seconds)
+
+
+@contextmanager
+def _timed(seconds: dict[str, float], stage: str) -> Generator[None]:
+    began = time.perf_counter()
+    yield
+    seconds[stage] += time.perf_counter() - began
+
+
+def _result(
+    graph: SceneGraph,
+    solution: Solution | None,
+    frames: Mapping[str, Frame],
+    tracked: TrackedPose | None,
+    reasons: Mapping[str, str],
+    now: int,
+) -> StepResult:
+    """What a solution says of all cameras and objects; None if nothing has a pose."""
     if solution is None:
         cameras = tuple(_unplaced(name, frames.get(name), reasons) for name in (graph.headset, *graph.statics))
-        return graph, StepResult(now, cameras, (), None, {"graph": time.perf_counter() - began})
+        return StepResult(now, cameras, (), None, {})
     cameras, objects = solution.seen_from(_reference(solution.graph))
     results = _camera_results(solution.graph, cameras, frames, tracked, reasons, now)
-    found = _object_results(solution, objects, now)
     drift = None
     if tracked is not None and solution.graph.now is not None:
         drift = solution.graph.now.world_from_camera @ se3.inverse(tracked.tracking_from_headset)
-    graph = keep(solution.graph, tracked is not None)
-    return graph, StepResult(now, results, found, drift, {"graph": time.perf_counter() - began})
+    return StepResult(now, results, _object_results(solution, objects, now), drift, {})
+
+
+def _adjustment_result(before: StepResult, adjustment: Adjustment) -> AdjustmentResult:
+    kept = adjustment.kept_cameras | {f"object {n}": why for n, why in adjustment.kept_objects.items()}
+    return AdjustmentResult(before.cameras, before.objects, adjustment.energy, kept)
 
 
 def _view(frame: Frame, estimates: tuple[ObjectEstimate, ...]) -> View:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Literal
 
 from rich.console import Console
 
@@ -16,7 +17,7 @@ from multicam.dataset.objects import load_catalogue
 from multicam.dataset.results import Estimates, read_results, write_results
 from multicam.dataset.runs import read_run
 from multicam.dataset.sequence import load_recording
-from multicam.errors import ConfigError
+from multicam.errors import ConfigError, DataError
 from multicam.evaluation.points import PointSets
 from multicam.evaluation.report import Table, render_text, save_report
 from multicam.evaluation.run_error import evaluate_run
@@ -24,7 +25,14 @@ from multicam.evaluation.selection import LEAST_VISIBLE, Selection
 from multicam.evaluation.single_view import read_split
 from multicam.evaluation.single_view_tables import single_view_table
 from multicam.evaluation.split_error import evaluate_split
-from multicam.evaluation.tables import camera_table, coverage_table, object_table, statements, time_table
+from multicam.evaluation.tables import (
+    adjustment_table,
+    camera_table,
+    coverage_table,
+    object_table,
+    statements,
+    time_table,
+)
 from multicam.files import require_folder
 from multicam.inference.estimator import EstimatorConfig
 from multicam.inference.session import SessionConfig
@@ -32,6 +40,8 @@ from multicam.progress import Progress, RichProgress
 
 CONFIG = "evaluation.config.yaml"
 """The resolved configuration, beside the figures of a split."""
+
+Stage = Literal["all", "network", "graph", "bundle"]
 
 
 @dataclass(frozen=True)
@@ -42,6 +52,9 @@ class EvaluateConfig:
     """Folder written by `multicam run`; its report.html is written again, with the errors."""
     recording: Path | None = None
     """The run's recording, if it has moved since."""
+    stage: Stage = "all"
+    """Of a run, print the figures of one stage alone: the network's in single pictures, those of the scene graph, or
+    cameras and objects before and after bundle adjustment."""
     candidates: Path | None = None
     """Single-view estimates in BOP results format (CSV, or gzipped)."""
     network: Path | None = None
@@ -79,7 +92,8 @@ def main(argv: list[str]) -> None:
     console = Console(highlight=False, markup=False, soft_wrap=True)
     given = sum(path is not None for path in (config.run, config.candidates, config.network))
     if given == 1 and config.run is not None:
-        console.print(evaluate_recorded(config.run, config.recording, config.output or config.run, RichProgress()))
+        output = config.output or config.run
+        console.print(evaluate_recorded(config.run, config.recording, output, RichProgress(), config.stage))
         console.print(f"\nReport: {config.run / 'report.html'}")
     elif given == 1 and config.dataset is not None:
         beside = Path("runs/evaluate") if config.candidates is None else config.candidates.parent
@@ -93,25 +107,36 @@ def main(argv: list[str]) -> None:
         )
 
 
-def evaluate_recorded(folder: Path, recording_folder: Path | None, output: Path, progress: Progress) -> str:
+def evaluate_recorded(
+    folder: Path, recording_folder: Path | None, output: Path, progress: Progress, stage: Stage = "all"
+) -> str:
     """Judges a run against the truth of its recording; writes the tables and the page again.
 
     Returns:
-        Tables and statements as text.
+        Tables and statements as text; of one stage its tables alone.
 
     Raises:
-        DataError: no run there, no truth in the recording, or the two do not belong together.
+        DataError: no run there, no truth in the recording, the two do not belong together, or no step was adjusted.
     """
     run = read_run(require_folder(folder, "run folder") / RESULTS)
     recording = load_recording(recording_folder or run.recording)
     errors = evaluate_run(run, read_results(folder / ESTIMATES), recording, progress)
     catalogue = recording.catalogue
-    tables: Sequence[Table] = [
-        camera_table(run, errors), coverage_table(run), time_table(run), object_table(errors, catalogue),
-        single_view_table(errors.single_view, catalogue),
-    ]  # fmt: skip
+    stages: dict[Stage, list[Table]] = {
+        "graph": [camera_table(run, errors), coverage_table(run), time_table(run), object_table(errors, catalogue)],
+        "bundle": [] if errors.adjustment is None else [adjustment_table(errors.adjustment)],
+        "network": [single_view_table(errors.single_view, catalogue)],
+    }
+    tables: Sequence[Table] = [table for part in stages.values() for table in part]
     save_report(output, "evaluation", tables)
     write_report(folder, run, recording, errors, progress)
+    if stage != "all":
+        if not stages[stage]:
+            raise DataError(
+                f"no step of {folder} was adjusted: bundle adjustment wants depth in some camera, or "
+                "--pipeline.bundle.without-depth at `multicam run`."
+            )
+        return render_text(stages[stage])
     facts, warnings = statements(run, errors, catalogue)
     return render_text(tables) + "\n" + "\n".join([*facts, *(f"Warning: {text}" for text in warnings)])
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from rich.console import Console
 
 from multicam import pipeline
+from multicam.adjuster import Adjuster
 from multicam.config import parse_command, save_config
 from multicam.dataset.objects import Catalogue
 from multicam.dataset.results import read_results, write_results
@@ -116,7 +117,8 @@ def run_recording(
     watch: Watch | None = None,
 ) -> RunResult:
     """The part of `run` after the network has been opened; `estimate` is the network or stands in for it."""
-    steps, estimates = Steps(recording, estimate, catalogue, config), _Collected(recording)
+    adjuster = load_adjuster(recording, config.pipeline, progress)
+    steps, estimates = Steps(recording, estimate, catalogue, config, adjuster), _Collected(recording)
     interrupted = False
     done: list[StepResult] = []
     try:
@@ -154,7 +156,14 @@ def write_report(
 class Steps:
     """The steps of a recording, computed one by one as they are asked for; no more than one is in memory."""
 
-    def __init__(self, recording: Recording, estimate: Estimate, catalogue: Catalogue, config: RunConfig) -> None:
+    def __init__(
+        self,
+        recording: Recording,
+        estimate: Estimate,
+        catalogue: Catalogue,
+        config: RunConfig,
+        adjuster: Adjuster | None,
+    ) -> None:
         """Looks at the cameras.
 
         Raises:
@@ -172,7 +181,7 @@ class Steps:
         if self._count == 0:
             raise DataError(f"{recording.folder} holds no pictures: its sequence.json lists no frames.")
         self._recording, self._estimate = recording, estimate
-        self._catalogue, self._config = catalogue, config
+        self._catalogue, self._config, self._adjuster = catalogue, config, adjuster
 
     def __len__(self) -> int:
         return self._count
@@ -182,8 +191,21 @@ class Steps:
         graph = pipeline.start(self.headset, statics, self._config.pipeline)
         for frame_set in self._recording.frame_sets(self._tolerance_ns):
             found, seconds = self._estimate(frame_set.frames)
-            graph, result = pipeline.step(graph, frame_set, found, self._catalogue, self._config.pipeline)
+            graph, result = pipeline.step(
+                graph, frame_set, found, self._catalogue, self._config.pipeline, self._adjuster
+            )
             yield result.with_seconds(**seconds), frame_set.frames, found
+
+
+def load_adjuster(recording: Recording, config: PipelineConfig, progress: Progress) -> Adjuster | None:
+    """Bundle adjustment for a recording, or None where it is left out or no camera measures depth.
+
+    Raises:
+        DataError: a mesh cannot be read, or the viewpoint models cannot be kept.
+    """
+    if not config.bundle.enabled or not (config.bundle.without_depth or recording.measures_depth):
+        return None
+    return Adjuster.load(recording.catalogue, config.bundle, progress)
 
 
 class _Collected:

@@ -1,12 +1,14 @@
 """What a run found, step by step, and its file results.json.
 
-    {"format": "multicam-run", "version": 2, "recording": folder, "network": file, "headset": camera_id,
+    {"format": "multicam-run", "version": 3, "recording": folder, "network": file, "headset": camera_id,
      "complete": false after Ctrl-C, "steps": [{"timestamp_ns",
        "cameras": [{"camera_id", "status", "reason", "timestamp_ns", "world_from_camera", "covariance", "updated_ns",
                     "chain"}],
        "objects": [{"instance", "obj_id", "score", "world_from_object", "covariance", "seen_by"}],
        "world_from_tracking": the headset's drift,
-       "seconds": {"network", "pnp", "graph"}}]}
+       "seconds": {"network", "pnp", "graph", "bundle" where it was asked for},
+       "adjustment": null or {"cameras", "objects": as they were without it, "energy": [before, after],
+                              "kept": {camera_id or "object INSTANCE": why it was not adjusted}}}]}
 
 The world is the frame of the headset's tracking when it began; `world_from_tracking` is how far tracking has drifted
 from it since, so that inverse(world_from_tracking) world_from_camera is a camera in the frame that the headset reports
@@ -29,7 +31,7 @@ from multicam.files import read_json, write_json
 from multicam.types import FloatArray
 
 FORMAT = "multicam-run"
-VERSION = 2
+VERSION = 3
 
 Status = Literal["tracked", "placed", "kept", "not placed"]
 """By its own tracking; measured at this step; from an earlier step; no pose."""
@@ -70,11 +72,28 @@ class ObjectResult:
 
 
 @dataclass(frozen=True, eq=False)
+class AdjustmentResult:
+    """What bundle adjustment did to a step.
+
+    Attributes:
+        cameras, objects: the step's results by detections alone.
+        energy: before and after, of those that were adjusted.
+        kept: why a camera, or an object ("object 3" by its instance), was not adjusted.
+    """
+
+    cameras: tuple[CameraResult, ...]
+    objects: tuple[ObjectResult, ...]
+    energy: tuple[float, float]
+    kept: dict[str, str]
+
+
+@dataclass(frozen=True, eq=False)
 class StepResult:
     """All cameras and objects at one step; `seconds` splits the time it took by stage.
 
     Attributes:
         world_from_tracking: (4, 4) drift of the headset's tracking, or None where it gave no pose.
+        adjustment: what the pictures changed, or None at steps that were not adjusted.
     """
 
     timestamp_ns: int
@@ -82,6 +101,7 @@ class StepResult:
     objects: tuple[ObjectResult, ...]
     world_from_tracking: FloatArray | None
     seconds: dict[str, float]
+    adjustment: AdjustmentResult | None = None
 
     def camera(self, camera_id: str) -> CameraResult:
         """The result of one camera.
@@ -90,6 +110,13 @@ class StepResult:
             KeyError: no such camera.
         """
         return {camera.camera_id: camera for camera in self.cameras}[camera_id]
+
+    @property
+    def unadjusted(self) -> StepResult:
+        """The step as it would be without bundle adjustment at this very step."""
+        if self.adjustment is None:
+            return self
+        return replace(self, cameras=self.adjustment.cameras, objects=self.adjustment.objects, adjustment=None)
 
     def with_seconds(self, **seconds: float) -> StepResult:
         """The same result with the times of further stages in front."""

@@ -101,6 +101,15 @@ class Recording:
         """The BOP record of a picture, ground truth included: for evaluation only."""
         return self._records[camera_id][im_id]
 
+    @property
+    def measures_depth(self) -> bool:
+        """Whether any picture comes with depth."""
+        return any(
+            self.record(camera.camera_id, entry.im_id).depth_path is not None
+            for camera in self.cameras
+            for entry in camera.frames
+        )
+
     def truth_of(self, camera_id: str, im_id: int) -> FloatArray:
         """True world_from_camera (4, 4) of a picture.
 

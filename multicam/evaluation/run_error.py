@@ -26,6 +26,19 @@ SAME_OBJECT = 0.02
 
 
 @dataclass(frozen=True)
+class AdjustmentErrors:
+    """Errors before and after bundle adjustment, at the steps that were adjusted.
+
+    Attributes:
+        cameras: static camera to its errors in the headset's frame, of the steps at which it was measured.
+        objects: ADD(-S) errors (m) in the headset's frame of all objects in sight; infinite for a missing one.
+    """
+
+    cameras: dict[str, tuple[tuple[CameraError, CameraError], ...]]
+    objects: tuple[tuple[float, float], ...]
+
+
+@dataclass(frozen=True)
 class RunErrors:
     """Errors per step, in the order of the run's steps; None where a camera had no pose.
 
@@ -36,6 +49,7 @@ class RunErrors:
         tracking: the same by its own tracking alone, which drifts.
         objects: class to ADD(-S) errors (m) in the headset's frame over all steps; infinite for a missing object.
         single_view: class to the errors of the network's own estimates, picture by picture.
+        adjustment: what bundle adjustment gained, or None if no step was adjusted.
     """
 
     cameras: dict[str, tuple[CameraError | None, ...]]
@@ -44,6 +58,7 @@ class RunErrors:
     tracking: tuple[CameraError | None, ...]
     objects: dict[int, tuple[float, ...]]
     single_view: dict[int, list[ObjectErrors]]
+    adjustment: AdjustmentErrors | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,6 +140,7 @@ def evaluate_run(run: RunResult, estimates: Estimates, recording: Recording, pro
         *_headset_errors(run, truth),
         {obj_id: tuple(errors) for obj_id, errors in sorted(objects.items())},
         evaluate_estimates(estimates, pictures, points, progress),
+        _adjustment_errors(run, truth, points),
     )
 
 
@@ -136,6 +152,31 @@ def run_from_true(run: RunResult, truth: Truth) -> FloatArray | None:
             assert reference.found.world_from_camera is not None
             return reference.found.world_from_camera @ se3.inverse(reference.true_world_from_headset)
     return None
+
+
+def _adjustment_errors(run: RunResult, truth: Truth, points: PointSets) -> AdjustmentErrors | None:
+    adjusted = [step for step in run.steps if step.adjustment is not None]
+    cameras: dict[str, list[tuple[CameraError, CameraError]]] = {name: [] for name in run.statics}
+    objects: list[tuple[float, float]] = []
+    for step in adjusted:
+        versions = step.unadjusted, step
+        references = [_latest_reference(each.camera(run.headset), truth) for each in versions]
+        for name, found in cameras.items():
+            if any(each.camera(name).status != "placed" for each in versions):
+                continue
+            before, after = (_error_in_headset(e, name, r, truth) for e, r in zip(versions, references, strict=True))
+            if before is not None and after is not None:
+                found.append((before, after))
+        judged: list[dict[int, list[float]]] = [{}, {}]
+        for each, reference, errors in zip(versions, references, judged, strict=True):
+            if reference is not None:
+                _judge_objects(each, reference, truth, points, errors)
+        if all(reference is not None for reference in references):
+            for obj_id, errors in judged[0].items():
+                objects += zip(errors, judged[1][obj_id], strict=True)
+    if not adjusted:
+        return None
+    return AdjustmentErrors({name: tuple(found) for name, found in cameras.items()}, tuple(objects))
 
 
 def _headset_errors(

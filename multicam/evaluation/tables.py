@@ -11,8 +11,9 @@ from multicam.dataset.runs import RunResult
 from multicam.evaluation.camera_error import CameraError
 from multicam.evaluation.recall import auc_posecnn, median, recall
 from multicam.evaluation.report import Cell, Column, Table, mean_cell
-from multicam.evaluation.run_error import RunErrors
+from multicam.evaluation.run_error import AdjustmentErrors, RunErrors
 from multicam.evaluation.single_view_tables import TENTH, tenth_recall
+from multicam.types import FloatArray
 
 GOOD_MM, GOOD_DEG = 50.0, 5.0
 """A camera pose within both counts as good."""
@@ -60,6 +61,33 @@ def time_table(run: RunResult) -> Table:
     rows = tuple((stage, float(np.median(values)), float(np.percentile(values, 90))) for stage, values in times.items())
     note = "All cameras of a step together; reading pictures from disk not included."
     return Table("Time per step", (Column("stage"), Column("median ms"), Column("p90 ms")), rows, note)
+
+
+def adjustment_table(errors: AdjustmentErrors) -> Table:
+    """One row per static camera that was adjusted and one for all objects: medians before and after."""
+    rows: list[tuple[Cell, ...]] = []
+    for name, pairs in errors.cameras.items():
+        if pairs:
+            mm = np.array([[error.centre_mm for error in pair] for pair in pairs])
+            deg = np.array([[error.rotation_deg for error in pair] for pair in pairs])
+            rows.append((name, len(pairs), *np.median(mm, axis=0), *np.median(deg, axis=0), *_gains(mm)))
+    both = [pair for pair in errors.objects if np.all(np.isfinite(pair))]
+    if both:
+        mm = 1000.0 * np.array(both, dtype=np.float64)
+        rows.append(("objects, ADD(-S)", len(both), *np.median(mm, axis=0), None, None, *_gains(mm)))
+    names = ("what", "times", "before mm", "after mm", "before deg", "after deg", "halved %", "worse %")
+    return Table(
+        "Bundle adjustment",
+        tuple(Column(name, d) for name, d in zip(names, (0, 0, 1, 1, 2, 2, 0, 0), strict=True)),
+        tuple(rows),
+        "Median errors in the headset's frame at the steps that were adjusted, without and with what the pictures "
+        "show. halved, worse: share whose distance error is at most half as large, or larger.",
+    )
+
+
+def _gains(mm: FloatArray) -> tuple[float, float]:
+    """Percent of pairs (n, 2) of errors that are halved, and that are worse."""
+    return 100 * float(np.mean(mm[:, 1] <= mm[:, 0] / 2)), 100 * float(np.mean(mm[:, 1] > mm[:, 0]))
 
 
 def object_table(errors: RunErrors, catalogue: Catalogue) -> Table:

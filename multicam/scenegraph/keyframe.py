@@ -69,11 +69,19 @@ def keep(graph: SceneGraph, tracked: bool) -> SceneGraph:
         # What it saw counts only if others hang on it: nobody knows how the headset came there, or where it goes.
         return graph if is_whole(graph) else replace(graph, keyframes=(*graph.keyframes, now), tracking=None)
     assert graph.tracking is not None
-    if graph.keyframes and now.odometry is not None and _gap(graph.keyframes[-1], now) < graph.config.keyframes.spacing:
+    if not begins(graph, now):
+        assert now.odometry is not None
         joined = join(graph.keyframes[-1], now, now.odometry, graph.config)
         return replace(graph, keyframes=(*graph.keyframes[:-1], joined))
     tracking = replace(graph.tracking, since_keyframe=_CERTAIN)
     return cull(replace(graph, keyframes=(*graph.keyframes, now), tracking=tracking))
+
+
+def begins(graph: SceneGraph, now: Stay) -> bool:
+    """Whether where the headset is now is a new keyframe, and not much the same view as the last one."""
+    if not graph.keyframes or now.odometry is None:
+        return True
+    return _gap(graph.keyframes[-1], now) >= graph.config.keyframes.spacing
 
 
 def _gap(earlier: Stay, later: Stay) -> float:

@@ -23,6 +23,7 @@ PALETTE: tuple[Color, ...] = (
 """RGB, bright enough for dark and light pictures."""
 
 GREY: Color = (170, 170, 170)
+WHITE: Color = (255, 255, 255)
 
 DRAWN_WIDTH = 640
 """Pictures narrower than this are enlarged by whole factors first, so that lines stay thin."""

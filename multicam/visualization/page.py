@@ -17,7 +17,14 @@ from multicam.dataset.sequence import Recording
 from multicam.errors import DataError
 from multicam.evaluation.run_error import RunErrors, Truth, run_from_true
 from multicam.evaluation.single_view_tables import single_view_table
-from multicam.evaluation.tables import camera_table, coverage_table, object_table, statements, time_table
+from multicam.evaluation.tables import (
+    adjustment_table,
+    camera_table,
+    coverage_table,
+    object_table,
+    statements,
+    time_table,
+)
 from multicam.files import write_bytes, write_text
 from multicam.progress import Progress
 from multicam.spread import spread
@@ -73,6 +80,7 @@ def write_page(
         "camera_table": camera_table(run, errors) if errors else None,
         "coverage_table": coverage_table(run),
         "time_table": time_table(run),
+        "adjustment_table": adjustment_table(errors.adjustment) if errors and errors.adjustment else None,
         "object_table": object_table(errors, catalogue) if errors else None,
         "single_view_table": single_view_table(errors.single_view, catalogue) if errors else None,
     }
@@ -84,6 +92,7 @@ def write_page(
         facts=facts,
         warnings=warnings,
         judged=errors is not None,
+        adjusted=any(step.adjustment is not None for step in run.steps),
         cameras=[c.camera_id for c in run.steps[0].cameras],
         steps=steps,
         objects=[(catalogue[i].name.replace("_", " "), hex_of(i)) for i in seen],

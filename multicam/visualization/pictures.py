@@ -19,7 +19,7 @@ from multicam.geometry import se3
 from multicam.geometry.mesh import Mesh
 from multicam.progress import Progress
 from multicam.types import ImageArray, ObjectEstimate
-from multicam.visualization.overlay import GREY, Outline, color_of, draw_outlines
+from multicam.visualization.overlay import GREY, WHITE, Color, Outline, color_of, draw_outlines
 
 JPEG_QUALITY = 88
 
@@ -39,7 +39,8 @@ def write_overlays(
 ) -> None:
     """Draws every picture of a run with outlines, one at a time, and writes it into the run's folder if not there yet.
 
-    A camera with a pose shows the objects of the scene graph; one without shows its own estimates in grey.
+    A camera with a pose shows the objects of the scene graph, and in white where they were before bundle adjustment of
+    the step; one without a pose shows its own estimates in grey.
 
     Raises:
         DataError: a picture or mesh cannot be read, or the run belongs to another recording.
@@ -77,13 +78,24 @@ def _outlines(
 ) -> list[Outline]:
     if result.world_from_camera is None:
         return [Outline(mesh_of(e.obj_id), e.camera_from_object, GREY) for e in own]
-    camera_from_world = se3.inverse(result.world_from_camera)
+    before = [] if step.adjustment is None else _graph_outlines(step.unadjusted, result.camera_id, mesh_of, WHITE)
+    return before + _graph_outlines(step, result.camera_id, mesh_of)
+
+
+def _graph_outlines(
+    step: StepResult, camera_id: str, mesh_of: Callable[[int], Mesh], color: Color | None = None
+) -> list[Outline]:
+    """Objects of the scene graph as a camera with a pose should see them; in a thin line of one colour if given."""
+    world_from_camera = step.camera(camera_id).world_from_camera
+    if world_from_camera is None:
+        return []
+    camera_from_world = se3.inverse(world_from_camera)
     return [
         Outline(
             mesh_of(o.obj_id),
             camera_from_world @ o.world_from_object,
-            color_of(o.obj_id),
-            bold=result.camera_id in o.seen_by,
+            color or color_of(o.obj_id),
+            bold=color is None and camera_id in o.seen_by,
         )
         for o in step.objects
     ]

@@ -75,7 +75,7 @@ def test_an_adjustment_goes_back_into_the_component() -> None:
     moved = State(state.world_from_camera + 0.0, se3.plus(state.world_from_object, np.full(6, 0.01)))
     answer = Adjusted(
         moved, 2 * made.camera_covariance, 3 * made.object_covariance, (2.0, 1.0), {}, {},
-        np.ones(3), np.zeros(3, np.int64), np.zeros(3, np.int64),
+        np.ones(3), made.information, np.zeros(3, np.int64), np.zeros(3, np.int64),
     )  # fmt: skip
     back = component_of(component, answer)
     assert [each.view_id for each in back.cameras] == ["left", "right"]

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from multicam import cli
 from multicam.commands.evaluate import EvaluateConfig
 from multicam.config import load_config
 from multicam.dataset.results import write_results
-from multicam.dataset.runs import write_run
+from multicam.dataset.runs import AdjustmentResult, write_run
 from multicam.types import ObjectEstimate
 from tests.toy_recording import truthful_run
 from tests.toy_walk import HEADSET, LEFT, RIGHT
@@ -59,6 +60,23 @@ def test_a_run_is_judged_against_its_recording(run_folder, capsys):
     assert tables["Camera errors"][0]["has pose %"] == pytest.approx(100 * 5 / 6)
     assert "<caption>Camera errors</caption>" in (run_folder / "report.html").read_text()
     assert (run_folder / "evaluation-camera-errors.csv").read_text().startswith("camera,has pose %")
+
+
+def test_one_stage_of_a_run_can_be_looked_at_alone(run_folder, toy_recording, capsys):
+    flags = ["evaluate", "--run", str(run_folder), "--stage"]
+    assert cli.run([*flags, "graph"]) == 0
+    printed = capsys.readouterr().out
+    assert "Camera errors" in printed and "Single" not in printed
+    assert "no step of" in refused(capsys, *flags[1:], "bundle")
+    run = truthful_run(toy_recording)
+    steps = tuple(
+        replace(step, adjustment=AdjustmentResult(step.cameras, step.objects, (2.0, 1.0), {})) for step in run.steps
+    )
+    write_run(run_folder / "results.json", replace(run, steps=steps))
+    assert cli.run([*flags, "bundle"]) == 0
+    printed = capsys.readouterr().out
+    assert "Bundle adjustment" in printed and "Camera errors" not in printed
+    assert "<caption>Bundle adjustment</caption>" in (run_folder / "report.html").read_text()
 
 
 def test_a_recording_that_moved_can_be_named(run_folder, toy_recording, tmp_path):

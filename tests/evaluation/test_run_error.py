@@ -4,12 +4,19 @@ import numpy as np
 import pytest
 
 from multicam.dataset.bop_writer import pose_row
-from multicam.dataset.runs import RunResult, StepResult, read_run, write_run
+from multicam.dataset.runs import AdjustmentResult, RunResult, StepResult, read_run, write_run
 from multicam.dataset.sequence import Recording, load_recording
 from multicam.dataset.units import transform_from_bop
 from multicam.errors import DataError
 from multicam.evaluation.run_error import RunErrors, evaluate_run
-from multicam.evaluation.tables import camera_table, coverage_table, object_table, statements, time_table
+from multicam.evaluation.tables import (
+    adjustment_table,
+    camera_table,
+    coverage_table,
+    object_table,
+    statements,
+    time_table,
+)
 from multicam.geometry import se3
 from multicam.progress import SilentProgress
 from tests.faults import edit_json
@@ -51,6 +58,30 @@ def test_an_error_of_a_static_camera_shows_in_the_headsets_frame(toy_recording):
     assert not errors.cameras[LEFT][0].inside
     assert errors.cameras[RIGHT][0].centre_mm < 1e-6
     assert errors.pairs[LEFT, RIGHT][0].rotation_deg == pytest.approx(np.degrees(0.1))
+
+
+def test_adjusted_steps_are_judged_before_and_after(toy_recording, tmp_path):
+    """The left camera is off by 50 mm before and by 10 mm after, at two steps; elsewhere nothing was adjusted."""
+    run = truthful_run(toy_recording)
+    before = moved(run, LEFT, [0, 0, 0, 0.03, 0.04, 0])
+    after = moved(run, LEFT, [0, 0, 0, 0.006, 0.008, 0])
+    steps = tuple(
+        replace(step, adjustment=AdjustmentResult(old.cameras, old.objects, (3.5, 1.5), {RIGHT: "it strayed"}))
+        if number in (0, 2)
+        else step
+        for number, (old, step) in enumerate(zip(before.steps, after.steps, strict=True))
+    )
+    write_run(tmp_path / "results.json", replace(after, steps=steps))
+    read = read_run(tmp_path / "results.json")
+    assert read.steps[2].adjustment.kept == {RIGHT: "it strayed"} and read.steps[2].adjustment.energy == (3.5, 1.5)
+    errors = judge(read, toy_recording).adjustment
+    # A camera counts where it was measured, which a perfect run's are at the first step alone.
+    assert [len(pairs) for pairs in errors.cameras.values()] == [1, 1]
+    rows = {row[0]: row[1:] for row in adjustment_table(errors).rows}
+    assert rows[LEFT] == pytest.approx((1, 50, 10, 0, 0, 100, 0), abs=1e-3)
+    assert rows["objects, ADD(-S)"][-2:] == pytest.approx((100, 0), abs=100)
+    assert len(errors.objects) == 2 * rows["objects, ADD(-S)"][0] / 2
+    assert judge(run, toy_recording).adjustment is None
 
 
 def test_drift_of_the_headset_counts_as_error_of_what_it_looks_at(toy_recording):

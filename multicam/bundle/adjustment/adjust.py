@@ -37,6 +37,7 @@ class Adjusted:
         energy: before and after.
         kept_cameras, kept_objects: why a camera or object has its old pose; fixed cameras are not among them.
         weight: (e,) how far each edge agrees with the others, 1 for entirely.
+        information: (e, 6, 6) what picture and estimate say of each camera_from_object (right tangent).
         lines, points: (e,) how many were found where the poses began.
     """
 
@@ -47,6 +48,7 @@ class Adjusted:
     kept_cameras: dict[int, str]
     kept_objects: dict[int, str]
     weight: FloatArray
+    information: FloatArray
     lines: IntArray
     points: IntArray
 
@@ -60,6 +62,7 @@ class _Solution:
     object_covariance: FloatArray
     energy: tuple[float, float]
     weight: FloatArray
+    information: FloatArray
 
 
 def adjust(scene: Scene, state: State, config: AdjustmentConfig) -> Adjusted:
@@ -110,6 +113,7 @@ def adjust(scene: Scene, state: State, config: AdjustmentConfig) -> Adjusted:
         kept_cameras=cameras,
         kept_objects=objects,
         weight=solution.weight,
+        information=solution.information,
         lines=found.lines,
         points=found.points,
     )
@@ -151,7 +155,8 @@ def _agree(system: System, state: State, observed: PoseFactor) -> _Solution:
     result = State(minimum.state.world_from_camera, moved)
     squared = 2 * observed.linearize(edge_poses(scene, result)).energy
     weight = np.minimum(1, observed.kernel.weight(squared))
-    return _Solution(result, cameras, covariance, (minimum.energies[0], minimum.energies[-1]), weight)
+    energy = minimum.energies[0], minimum.energies[-1]
+    return _Solution(result, cameras, covariance, energy, weight, observed.information)
 
 
 def _descend(system: System, state: State) -> _Solution:
@@ -160,8 +165,10 @@ def _descend(system: System, state: State) -> _Solution:
     judge = replace(system, config=system.config.judging())
     ends = judge.search(state, 0), judge.search(moved, 0)
     before, after = (sum(system.energy(end, each, weight) for end in ends) for each in (state, moved))
-    cameras, objects = system.covariances(moved, weight)
-    return _Solution(moved, cameras, objects, (before, after), weight)
+    seen = system.measured(moved)
+    cameras, objects = system.covariances(moved, seen, weight)
+    information = seen.hessian + system.scene.information
+    return _Solution(moved, cameras, objects, (before, after), weight, information)
 
 
 def _chosen(indices: Iterable[int], count: int) -> BoolArray:

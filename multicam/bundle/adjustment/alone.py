@@ -43,6 +43,5 @@ def observe_edges(
     system = System(apart, everyone, occluders, colors, config)
     start = State(world_from_camera, world_from_camera[scene.camera] @ scene.estimated)
     state, _ = system.descend(start)
-    pose = edge_poses(apart, state)
-    seen = system.search(state, config.searches - 1).linearize(pose)
+    pose, seen = edge_poses(apart, state), system.measured(state)
     return PoseFactor(scene.camera, scene.object, pose, seen.hessian + scene.information, Student(config.tail, 6))

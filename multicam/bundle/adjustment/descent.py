@@ -135,11 +135,13 @@ class System:
         total += float(taken @ prior.kernel.energy(2 * prior.linearize(pose).energy))
         return total + sum(float(each.linearize(state.world_from_camera).energy.sum()) for each in scene.motions)
 
-    def covariances(self, state: State, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Of cameras (c, 6, 6; zero where fixed) and objects (o, 6, 6) at a minimum."""
-        scene, fixed = self.scene, self.participants.fixed
-        pose = edge_poses(scene, state)
-        local = self.search(state, self.config.searches - 1).linearize(pose)
+    def measured(self, state: State) -> Linearization:
+        """What lines and points of a last search at a state say of its edges (e,)."""
+        return self.search(state, self.config.searches - 1).linearize(edge_poses(self.scene, state))
+
+    def covariances(self, state: State, local: Linearization, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Of cameras (c, 6, 6; zero where fixed) and objects (o, 6, 6) at a minimum, given what is measured there."""
+        fixed, pose = self.participants.fixed, edge_poses(self.scene, state)
         free, objects = self.assemble(local, pose, state, weight, damped=False).without(fixed).covariances()
         cameras = np.zeros((len(fixed), 6, 6))
         cameras[~fixed] = free
