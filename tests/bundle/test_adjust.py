@@ -6,20 +6,25 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
 
 from multicam.bundle.adjustment.adjust import BEYOND, NOT_SEEN, UNRELATED, UNTRUSTED, adjust
 from multicam.bundle.adjustment.alone import observe_edges
 from multicam.bundle.adjustment.config import AdjustmentConfig
 from multicam.bundle.adjustment.descent import Participants, System
-from multicam.bundle.adjustment.scene import Picture
+from multicam.bundle.adjustment.scene import Body, Picture, Scene
 from multicam.bundle.adjustment.search import edge_poses, find_occluders, learn_colors
 from multicam.bundle.depth_image import DepthImage
 from multicam.bundle.odometry import OdometryFactor
 from multicam.bundle.problem import Problem, State
+from multicam.bundle.viewpoints.generate import ViewpointConfig, generate
 from multicam.geometry import se3
 from multicam.geometry.camera import Camera
+from multicam.geometry.mesh import Mesh
+from multicam.geometry.rasterizer import render_depth
 from multicam.matching.linear import inverse, squared_norm
 from tests.bundle.box_rig import CAMERA, camera_errors, cameras, objects, only, picture, rig, shaken
+from tests.bundle.box_world import box
 
 CONFIG = AdjustmentConfig()
 RGB = replace(CONFIG, depth=None)
@@ -180,6 +185,54 @@ def test_two_cameras_of_one_place_stay_together(rng: np.random.Generator) -> Non
     answer = adjust(twin, State(together, start.world_from_object), CONFIG)
     first, second = answer.state.world_from_camera[:2]
     assert np.linalg.norm(se3.minus(second, first)) < 1e-3
+
+
+def test_an_object_that_is_another_than_it_seems_moves_no_camera_far(rng: np.random.Generator) -> None:
+    """The third box is taken for one twice as long: the others outvote it, and it gets little weight."""
+    scene, start = rig(rng), shaken(rng)
+    mesh = Mesh(box().vertices * [2, 1, 1], box().faces)
+    long = Body(generate(mesh, ViewpointConfig(subdivisions=2, picture=120)), mesh)
+    answer = adjust(replace(scene, bodies=[*scene.bodies[:2], long]), start, CONFIG)
+    assert camera_errors(start)[1:].min() > 10 and camera_errors(answer.state).max() < 6
+
+
+def test_a_camera_that_sees_one_symmetric_object_only_stays_uncertain_about_its_turn(rng: np.random.Generator) -> None:
+    """Nothing says how far the camera has gone around the axis; all else is found."""
+    drawn = trimesh.creation.cylinder(0.03, 0.1, sections=64)
+    mesh = Mesh(np.asarray(drawn.vertices), np.asarray(drawn.faces))
+    stands, upright = cameras()[:2], se3.exp(np.array([np.pi / 2, 0, 0, 0, 0, 0]))
+    pictures = []
+    for each in stands:
+        depth = render_depth(mesh, CAMERA, se3.inverse(each) @ upright)
+        image = np.where(depth[..., None] > 0, [200, 60, 40], [60, 90, 180]) + rng.normal(scale=8, size=(240, 320, 3))
+        measured = DepthImage(np.where(depth > 0, depth, np.float32(1)), CAMERA, np.eye(4))
+        pictures.append(Picture(image.clip(0, 255).astype(np.uint8), CAMERA, measured))
+    std = np.array([0.05, 0.05, 1.5, 0.008, 0.008, 0.008])
+    scene = Scene(
+        pictures=pictures,
+        bodies=[Body(generate(mesh, ViewpointConfig(subdivisions=3, picture=160)), mesh)],
+        camera=np.array([0, 1]),
+        object=np.array([0, 0]),
+        estimated=se3.plus(
+            se3.inverse(stands) @ upright, rng.normal(size=(2, 6)) * [0.05, 0.05, 0, 0.008, 0.008, 0.008]
+        ),
+        information=np.tile(np.diag(std**-2), (2, 1, 1)),
+        fixed=np.array([True, False]),
+        camera_covariance=np.stack((np.zeros((6, 6)), np.diag([4.0, 4, 4, 1, 1, 1]))),
+        object_covariance=np.diag(std**2)[None],
+    )
+    around = se3.exp(np.array([0, 0.15, 0, 0, 0, 0]))
+    answer = adjust(scene, State(np.stack((stands[0], around @ stands[1])), upright[None]), CONFIG)
+    # In the object's frame the camera may turn about the axis; the other five directions are known.
+    to_object = se3.adjoint(se3.inverse(answer.state.world_from_object[0]) @ answer.state.world_from_camera[1])
+    deviation = np.sqrt(np.diag(to_object @ answer.camera_covariance[1] @ to_object.T))
+    assert deviation[[0, 1]].max() < 0.05 and deviation[5] < 0.01
+    assert deviation[2] > 5 * deviation[[0, 1]].max()
+    # The same view of the object, whatever the turn.
+    seen = se3.inverse(answer.state.world_from_camera[1]) @ answer.state.world_from_object[0]
+    exact = se3.inverse(stands[1]) @ upright
+    assert np.linalg.norm(seen[:3, 3] - exact[:3, 3]) < 0.003
+    assert np.degrees(np.arccos(seen[:3, 2] @ exact[:3, 2])) < 1.5
 
 
 def test_the_step_solves_the_system_that_problem_has(rng: np.random.Generator) -> None:

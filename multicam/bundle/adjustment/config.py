@@ -18,7 +18,9 @@ class AdjustmentConfig:
     """Lines on the colour pictures; null leaves them out."""
     depth: DepthConfig | None = field(
         default_factory=lambda: DepthConfig(
-            radii=(0.05, 0.03, 0.02, 0.01), deviations=(0.05, 0.02, 0.01, 0.007), spacing=0.0025
+            radii=(0.05, 0.03, 0.02, 0.01),
+            deviations=(0.05, 0.02, 0.01, 0.007),
+            spacings=(0.01, 0.006, 0.004, 0.0025),
         )
     )
     """Points of the depth pictures, where there are any; null leaves them out."""
@@ -52,5 +54,5 @@ class AdjustmentConfig:
         if region is not None:
             region = replace(region, scales=region.scales[:1], deviations=region.deviations[-1:])
         if depth is not None:
-            depth = replace(depth, radii=depth.radii[:1], deviations=depth.deviations[-1:])
+            depth = replace(depth, radii=depth.radii[:1], deviations=depth.deviations[-1:], spacings=depth.spacings[:1])
         return replace(self, region=region, depth=depth)

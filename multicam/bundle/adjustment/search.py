@@ -9,8 +9,9 @@ import numpy as np
 
 from multicam.bundle.adjustment.config import AdjustmentConfig
 from multicam.bundle.adjustment.scene import Picture, Scene
+from multicam.bundle.cores import over_cores
 from multicam.bundle.depth.factor import DepthFactor
-from multicam.bundle.depth.points import find_points
+from multicam.bundle.depth.points import PairArray, find_points
 from multicam.bundle.depth_image import draw_bodies
 from multicam.bundle.factor import EdgeFactor, Linearization
 from multicam.bundle.occlusion import Occluders
@@ -36,28 +37,33 @@ def edge_poses(scene: Scene, state: State) -> FloatArray:
 def find_occluders(scene: Scene, state: State, config: AdjustmentConfig) -> list[Occluders]:
     """(c,) what may hide objects in each picture."""
     camera_from_world = se3.inverse(state.world_from_camera)
-    found: list[Occluders] = []
-    for picture, pose in zip(scene.pictures, camera_from_world, strict=True):
+
+    def of_camera(camera: int) -> Occluders:
+        picture, pose = scene.pictures[camera], camera_from_world[camera]
         images = [picture.depth] if config.measured_occlusion and picture.depth is not None else []
         if config.modelled_occlusion and len(scene.bodies) > 1:
             placed = [
                 (body.mesh, pose @ each) for body, each in zip(scene.bodies, state.world_from_object, strict=True)
             ]
             images.append(draw_bodies(placed, picture.camera.scaled(DRAWN)))
-        found.append(Occluders(tuple(images)))
-    return found
+        return Occluders(tuple(images))
+
+    return over_cores(of_camera, range(len(scene.pictures)))
 
 
 def learn_colors(scene: Scene, occluders: Sequence[Occluders], config: AdjustmentConfig) -> list[ColorModel]:
     """(e,) colours of each object in each picture that sees it, where that picture's own estimate has it."""
-    if config.region is None:
+    region = config.region
+    if region is None:
         return []
-    learnt: list[ColorModel] = []
-    for camera, obj, pose in zip(scene.camera, scene.object, scene.estimated, strict=True):
-        picture, body = scene.pictures[camera], scene.bodies[obj]
-        counts = colors_at(body.model, picture.image, picture.camera.matrix, pose, occluders[camera], config.region)
-        learnt.append(ColorModel.uniform().blended(counts, 1.0))
-    return learnt
+
+    def of_edge(edge: int) -> ColorModel:
+        camera, pose = scene.camera[edge], scene.estimated[edge]
+        picture, body = scene.pictures[camera], scene.bodies[scene.object[edge]]
+        counts = colors_at(body.model, picture.image, picture.camera.matrix, pose, occluders[camera], region)
+        return ColorModel.uniform().blended(counts, 1.0)
+
+    return over_cores(of_edge, range(len(scene.camera)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,28 +130,28 @@ def search_pictures(
         search: number of the search, from 0, by which scales, radii and deviations advance.
     """
     pose = edge_poses(scene, state)
-    edges = list(zip(scene.camera.tolist(), scene.object.tolist(), pose, strict=True))
+
+    def search_edge(edge: int) -> tuple[LineArray | None, PairArray | None]:
+        camera, model, at = scene.camera[edge], scene.bodies[scene.object[edge]].model, pose[edge]
+        picture, hidden = scene.pictures[camera], occluders[camera]
+        lines = pairs = None
+        if config.region is not None:
+            lines = _find_lines(model, picture, at, colors[edge], hidden, search, config.region)
+        if config.depth is not None and picture.depth is not None:
+            pairs = find_points(model, picture.depth, at, hidden, search, config.depth)
+        return lines, pairs
+
+    found = over_cores(search_edge, range(len(pose)))
     region = depth = None
     if config.region is not None:
-        lines = [
-            _find_lines(
-                scene.bodies[obj].model, scene.pictures[camera], at, known, occluders[camera], search, config.region
-            )
-            for (camera, obj, at), known in zip(edges, colors, strict=True)
-        ]
-        matrices = np.array([scene.pictures[camera].camera.matrix for camera, _, _ in edges]).reshape(-1, 3, 3)
+        matrices = np.array([scene.pictures[camera].camera.matrix for camera in scene.camera]).reshape(-1, 3, 3)
+        lines = [each for each, _ in found if each is not None]
         region = RegionFactor.of_edges(scene.camera, scene.object, matrices, lines, config.region)
-    measured = np.array(
-        [n for n, (camera, _, _) in enumerate(edges) if scene.pictures[camera].depth is not None], dtype=np.int64
-    )
-    if config.depth is not None and len(measured):
-        pairs = [
-            find_points(scene.bodies[obj].model, image, at, occluders[camera], search, config.depth)
-            for camera, obj, at in (edges[n] for n in measured)
-            if (image := scene.pictures[camera].depth) is not None
-        ]
+    measured = np.array([n for n, (_, pairs) in enumerate(found) if pairs is not None], dtype=np.int64)
+    if len(measured):
+        pairs = [each for _, each in found if each is not None]
         depth = DepthFactor.of_edges(scene.camera[measured], scene.object[measured], pairs)
-    return Found(region, depth, measured, len(edges))
+    return Found(region, depth, measured, len(pose))
 
 
 def _find_lines(

@@ -15,12 +15,16 @@ class DepthConfig:
     """Metres within which the nearest measured point is taken."""
     deviations: tuple[float, ...] = (0.05, 0.03, 0.02)
     """Standard deviation of a measured depth, metres at a depth of one metre; it grows in proportion."""
-    spacing: float = 0.01
+    spacings: tuple[float, ...] = (0.01,)
     """About how far apart, metres, the pixels lie that are looked at."""
 
     def radius(self, search: int) -> float:
         """Of the search with that number, from 0."""
         return self.radii[min(search, len(self.radii) - 1)]
+
+    def spacing(self, search: int) -> float:
+        """Of the search with that number, from 0."""
+        return self.spacings[min(search, len(self.spacings) - 1)]
 
     def deviation(self, search: int) -> float:
         """Of the search with that number, from 0."""

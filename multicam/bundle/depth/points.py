@@ -44,6 +44,6 @@ def find_points(
     count = search_points(
         image.depth, image.camera.matrix, depth_from_object, se3.inverse(image.depth_from_camera),
         point, model.surface_normal[view, :n], seen,
-        config.radius(search), config.spacing, config.deviation(search), pairs,
+        config.radius(search), config.spacing(search), config.deviation(search), pairs,
     )  # fmt: skip
     return pairs[:count]
