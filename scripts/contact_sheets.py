@@ -19,12 +19,19 @@ from numpy.typing import NDArray
 from datagen.recordings.config import DepthConfig
 from datagen.recordings.depth_sensor import sense_depth
 from datagen.scenes.stock import Group, Stock, load_stock
+from multicam.config import load_config
 from multicam.dataset.bop_reader import ImageRecord, list_scenes, read_depth, read_image, read_mask, read_scene
+from multicam.dataset.objects import Catalogue, load_catalogue
 from multicam.dataset.sequence import load_recording
 from multicam.files import write_bytes
 from multicam.geometry import se3
+from multicam.progress import SilentProgress
+from multicam.spread import spread
 from multicam.types import ImageArray
 from train.augment import with_background
+from train.config import TrainConfig
+from train.loader import TrainingSet
+from train.samples import PictureStore, prepare_objects
 
 WIDTH = 240
 """Of one picture, pixels."""
@@ -44,7 +51,7 @@ def main() -> None:
     sheets = {
         "randomised": [labelled(record) for record in spread(records, 24)],
         "assembled": [labelled(record) for record in spread([r for r in records if is_assembled(r, stock)], 12)],
-        "compositing": [tile for record in spread(records, 6) for tile in composed(record, records)],
+        "compositing": composed(spread(records, 60), load_catalogue(options.data)),
         "depth": [tile for record in spread(records, 4) for tile in sensed(record)],
         "recordings": [tile for folder in options.recordings for tile in filmed(folder)],
     }
@@ -53,12 +60,6 @@ def main() -> None:
         done, data = cv2.imencode(".jpg", sheet(tiles, columns)[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 80])
         assert done
         write_bytes(options.output / f"datagen-{name}.jpg", data.tobytes())
-
-
-def spread(records: Sequence[ImageRecord], count: int) -> list[ImageRecord]:
-    """Some, or all if there are fewer, evenly from all."""
-    count = min(count, len(records))
-    return [records[i] for i in np.linspace(0, len(records) - 1, count).round().astype(int)]
 
 
 def sheet(tiles: Sequence[ImageArray], columns: int) -> ImageArray:
@@ -109,15 +110,29 @@ def _is_mounted(group: Group, seen: dict[int, NDArray[np.float64]]) -> bool:
     return len(places) > 2 and all(np.allclose(place, places[0], atol=1e-4) for place in places)
 
 
-def composed(record: ImageRecord, others: Sequence[ImageRecord]) -> list[ImageArray]:
-    """The picture, its alpha, and the objects before two other pictures."""
-    assert record.alpha_path is not None
-    image, alpha = picture_of(record), read_mask(record.alpha_path)
-    behind = [picture_of(other) for other in spread(others, 7)[1:6:3]]
-    mixed = [with_background(image, alpha / 255, background) for background in behind]
-    grey = np.repeat(alpha[..., None], 3, axis=2)
-    names = ("picture", "alpha", "another background", "another background")
-    return [small(tile, name) for tile, name in zip((image, grey, *mixed), names, strict=True)]
+def composed(records: Sequence[ImageRecord], catalogue: Catalogue) -> list[ImageArray]:
+    """Rows of a picture, its alpha, its objects before another ground, and what the trainer makes of it."""
+    config = load_config(TrainConfig, Path("configs/train/instruments.yaml"))
+    objects, store = prepare_objects(catalogue, records), PictureStore(records, False, SilentProgress(), True)
+    trained = TrainingSet(store, objects, config.network, config.augment, config.minimum_visible, 0)
+    alphas = [read_mask(record.alpha_path) for record in records if record.alpha_path is not None]
+    emptiest = int(np.argmin([alpha.mean() for alpha in alphas]))
+    covered = cv2.dilate((alphas[emptiest] > 0).astype(np.uint8), np.ones((9, 9), np.uint8))
+    plain = cv2.inpaint(picture_of(records[emptiest]), covered, 5, cv2.INPAINT_TELEA).astype(np.uint8)
+    tiles: list[ImageArray] = []
+    for index in spread(range(len(records)), 6):
+        image, alpha = picture_of(records[index]), alphas[index]
+        pasted, labels = trained[0, index, True]
+        for box, points, visible in zip(labels.boxes, labels.keypoints, labels.visible, strict=True):
+            (x0, y0), (x1, y1) = np.rint(box).astype(int).reshape(2, 2).tolist()
+            cv2.rectangle(pasted, (x0, y0), (x1, y1), COLORS[1], 1)
+            for x, y in np.rint(points[visible]).astype(int).tolist():
+                cv2.circle(pasted, (x, y), 2, COLORS[0], -1, cv2.LINE_AA)
+        grey = np.repeat(alpha[..., None], 3, axis=2)
+        row = (image, grey, with_background(image, alpha / 255, plain), pasted)
+        names = ("picture", "alpha", "another background", "in training, with labels")
+        tiles += [small(tile, name) for tile, name in zip(row, names, strict=True)]
+    return tiles
 
 
 def sensed(record: ImageRecord) -> list[ImageArray]:
