@@ -95,6 +95,8 @@ def main() -> None:
     for name, config in VARIANTS.items():
         answers = [(case, adjust(case.scene, case.start, config)) for case in cases]
         rows[name] = [(case, answer.state, answer) for case, answer in answers]
+    answers = [(case, adjust(without_estimates(case.scene), case.start, AdjustmentConfig())) for case in cases]
+    rows["RGB-D, no estimates"] = [(case, answer.state, answer) for case, answer in answers]
     for name, config in PUBLISHED.items():
         rows[name] = [(case, published(case, config), None) for case in cases]
     for name, row in rows.items():
@@ -110,6 +112,11 @@ def main() -> None:
             f"{np.median(np.concatenate(honest)):.1f}" if honest else "",
         )  # fmt: skip
     Console(width=140).print(table)
+
+
+def without_estimates(scene: Scene) -> Scene:
+    """The scene in which estimates, and so keypoints, say where to begin and nothing more."""
+    return replace(scene, information=np.zeros_like(scene.information))
 
 
 def error(case: Case, state: State, rotation: bool = False) -> FloatArray:
@@ -130,10 +137,10 @@ def nees(case: Case, answer: Adjusted) -> FloatArray:
 def published(case: Case, config: AdjustmentConfig) -> State:
     """The state after the published steps, accepted as it comes."""
     occluders = find_occluders(case.scene, case.start, config)
-    colors = learn_colors(case.scene, occluders, config)
+    colors = learn_colors(case.scene, case.scene.estimated, occluders, config)
     everything = np.ones(len(case.scene.bodies), dtype=np.bool_)
     taking = Participants(np.ones_like(case.scene.fixed), everything, case.scene.fixed)
-    return PublishedStep(case.scene, taking, occluders, colors, config).descend(case.start)[0]
+    return PublishedStep(case.scene, taking, occluders, colors, config).descend(case.start, range(config.searches))[0]
 
 
 def cases_of(recording: Recording, every: int, rng: np.random.Generator) -> list[Case]:

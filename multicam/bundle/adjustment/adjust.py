@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,6 +15,7 @@ from multicam.bundle.adjustment.search import edge_poses, find_occluders, learn_
 from multicam.bundle.levenberg import LevenbergConfig, minimize
 from multicam.bundle.pose import PoseFactor
 from multicam.bundle.problem import Problem, State
+from multicam.bundle.region.colors import ColorModel
 from multicam.geometry import se3
 from multicam.matching.arrays import BoolArray, IntArray
 from multicam.matching.linear import inverse, squared_norm
@@ -73,13 +74,15 @@ def adjust(scene: Scene, state: State, config: AdjustmentConfig) -> Adjusted:
     fall, all stay.
     """
     occluders = find_occluders(scene, state, config)
-    colors = learn_colors(scene, occluders, config)
+    colors: Sequence[ColorModel] = learn_colors(scene, scene.estimated, occluders, config)
+    observed = None
+    if config.joint:
+        observed, colors = observe_edges(scene, state.world_from_camera, occluders, colors, config)
     everyone = Participants(np.ones_like(scene.fixed), np.ones(len(scene.bodies), dtype=np.bool_), scene.fixed)
     found = System(scene, everyone, occluders, colors, config).search(state, 0)
     seen = np.bincount(scene.object, found.lines + found.points, len(scene.bodies)) > 0
     strayed: dict[int, str] = {}
     objects = dict.fromkeys(np.flatnonzero(~seen).tolist(), NOT_SEEN)
-    observed = observe_edges(scene, state.world_from_camera, occluders, colors, config) if config.joint else None
     while True:
         believed = ~_chosen(strayed, len(scene.fixed))
         trusted = np.bincount(scene.object, believed[scene.camera], len(scene.bodies)) > 0
@@ -161,7 +164,7 @@ def _agree(system: System, state: State, observed: PoseFactor) -> _Solution:
 
 def _descend(system: System, state: State) -> _Solution:
     """Cameras and objects after searches at poses that they share; energies by what is found at both ends."""
-    moved, weight = system.descend(state)
+    moved, weight = system.descend(state, range(system.config.searches))
     judge = replace(system, config=system.config.judging())
     ends = judge.search(state, 0), judge.search(moved, 0)
     before, after = (sum(system.energy(end, each, weight) for end in ends) for each in (state, moved))

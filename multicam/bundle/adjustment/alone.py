@@ -10,13 +10,16 @@ import numpy as np
 from multicam.bundle.adjustment.config import AdjustmentConfig
 from multicam.bundle.adjustment.descent import Participants, System
 from multicam.bundle.adjustment.scene import Scene
-from multicam.bundle.adjustment.search import edge_poses
+from multicam.bundle.adjustment.search import edge_poses, learn_colors
 from multicam.bundle.occlusion import Occluders
 from multicam.bundle.pose import PoseFactor
 from multicam.bundle.problem import State
 from multicam.bundle.region.colors import ColorModel
 from multicam.bundle.robust import Student
 from multicam.types import FloatArray
+
+FIRST_TRUST = 0.05
+"""Share of the estimates' information that counts while colours are those at the estimates."""
 
 
 def observe_edges(
@@ -25,11 +28,20 @@ def observe_edges(
     occluders: Sequence[Occluders],
     colors: Sequence[ColorModel],
     config: AdjustmentConfig,
-) -> PoseFactor:
+) -> tuple[PoseFactor, Sequence[ColorModel]]:
     """Poses of all edges, refined from the estimates with the cameras fixed, with what picture and estimate know.
 
     Searching from where a picture's own estimate is, lines and points find the object even while the cameras are far
     from right; an object that was moved between two pictures disagrees here as a pose, which a robust cost can judge.
+
+    Colours that were learnt at an estimate draw the contour towards it, so that the estimate would count twice. The
+    first searches therefore ask it for little more than where to begin; then the colours are learnt anew.
+
+    Args:
+        colors: (e,) to begin with.
+
+    Returns:
+        The poses as observations, and the colours (e,) they were found by.
     """
     edges, cameras = len(scene.camera), len(scene.pictures)
     apart = replace(
@@ -40,8 +52,13 @@ def observe_edges(
         motions=(),
     )
     everyone = Participants(np.ones(cameras, dtype=np.bool_), np.ones(edges, dtype=np.bool_), apart.fixed)
+    state = State(world_from_camera, world_from_camera[scene.camera] @ scene.estimated)
+    if config.relearn:
+        free = replace(apart, information=FIRST_TRUST * scene.information)
+        state, _ = System(free, everyone, occluders, colors, config).descend(state, range(config.relearn))
+        colors = learn_colors(apart, edge_poses(apart, state), occluders, config)
     system = System(apart, everyone, occluders, colors, config)
-    start = State(world_from_camera, world_from_camera[scene.camera] @ scene.estimated)
-    state, _ = system.descend(start)
+    state, _ = system.descend(state, range(max(config.relearn - 1, 0), config.searches))
     pose, seen = edge_poses(apart, state), system.measured(state)
-    return PoseFactor(scene.camera, scene.object, pose, seen.hessian + scene.information, Student(config.tail, 6))
+    factor = PoseFactor(scene.camera, scene.object, pose, seen.hessian + scene.information, Student(config.tail, 6))
+    return factor, colors

@@ -28,6 +28,8 @@ class AdjustmentConfig:
     """Searches for lines and points."""
     updates: int = 2
     """Steps after each search."""
+    relearn: int = 4
+    """Searches in each picture by itself after which colours are learnt anew where the object is by then; 0: never."""
     rotation_damping: float = 100.0
     """Information, per squared radian and edge, that a step leaves the object where the camera sees it."""
     translation_damping: float = 1000.0

@@ -55,10 +55,10 @@ class System:
     colors: Sequence[ColorModel]
     config: AdjustmentConfig
 
-    def descend(self, state: State) -> tuple[State, FloatArray]:
-        """The state after all searches, and the weights (e,) of the edges in the last step."""
+    def descend(self, state: State, searches: Sequence[int]) -> tuple[State, FloatArray]:
+        """The state after searches of these numbers, and the weights (e,) of the edges in the last step."""
         weight = np.ones(len(self.scene.camera))
-        for search in range(self.config.searches):
+        for search in searches:
             found = self.search(state, search)
             for update in range(self.config.updates):
                 state, weight = self.step(found.in_update(update, self.config), state, weight)

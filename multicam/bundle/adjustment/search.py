@@ -51,14 +51,16 @@ def find_occluders(scene: Scene, state: State, config: AdjustmentConfig) -> list
     return over_cores(of_camera, range(len(scene.pictures)))
 
 
-def learn_colors(scene: Scene, occluders: Sequence[Occluders], config: AdjustmentConfig) -> list[ColorModel]:
-    """(e,) colours of each object in each picture that sees it, where that picture's own estimate has it."""
+def learn_colors(
+    scene: Scene, poses: FloatArray, occluders: Sequence[Occluders], config: AdjustmentConfig
+) -> list[ColorModel]:
+    """(e,) colours of each object in each picture that sees it, at poses camera_from_object (e, 4, 4)."""
     region = config.region
     if region is None:
         return []
 
     def of_edge(edge: int) -> ColorModel:
-        camera, pose = scene.camera[edge], scene.estimated[edge]
+        camera, pose = scene.camera[edge], poses[edge]
         picture, body = scene.pictures[camera], scene.bodies[scene.object[edge]]
         counts = colors_at(body.model, picture.image, picture.camera.matrix, pose, occluders[camera], region)
         return ColorModel.uniform().blended(counts, 1.0)
