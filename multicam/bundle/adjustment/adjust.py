@@ -24,8 +24,12 @@ from multicam.types import FloatArray
 NOT_SEEN = "no line of its contour and no point of its surface was found in any picture"
 UNTRUSTED = "only cameras see it whose own poses the pictures contradict"
 UNRELATED = "it shares no object with the cameras whose poses are known"
+UNCONFIRMED = "without depth two objects must agree on where it is, and fewer do"
 BEYOND = "the pictures would move it further than the uncertainty of its old pose allows"
 NOT_BETTER = "the pictures fit the poses found no better than the old ones"
+
+AGREES = 0.5
+"""Weight from which an edge confirms a camera."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,8 +74,8 @@ def adjust(scene: Scene, state: State, config: AdjustmentConfig) -> Adjusted:
     """Moves cameras and objects to where the pictures show them.
 
     Cameras move that share an object with others; an object that one camera alone sees follows it. A camera or object
-    that would leave the gate of its old pose keeps that pose and says nothing about the others. If the energy does not
-    fall, all stay.
+    that would leave the gate of its old pose keeps that pose and says nothing about the others. Where nothing measures
+    depth, a camera moves only if two objects agree on where it is. If the energy does not fall, all stay.
     """
     occluders = find_occluders(scene, state, config)
     colors: Sequence[ColorModel] = learn_colors(scene, scene.estimated, occluders, config)
@@ -81,7 +85,9 @@ def adjust(scene: Scene, state: State, config: AdjustmentConfig) -> Adjusted:
     everyone = Participants(np.ones_like(scene.fixed), np.ones(len(scene.bodies), dtype=np.bool_), scene.fixed)
     found = System(scene, everyone, occluders, colors, config).search(state, 0)
     seen = np.bincount(scene.object, found.lines + found.points, len(scene.bodies)) > 0
+    measured = bool(found.points.any())
     strayed: dict[int, str] = {}
+    unconfirmed: dict[int, str] = {}
     objects = dict.fromkeys(np.flatnonzero(~seen).tolist(), NOT_SEEN)
     while True:
         believed = ~_chosen(strayed, len(scene.fixed))
@@ -89,15 +95,18 @@ def adjust(scene: Scene, state: State, config: AdjustmentConfig) -> Adjusted:
         objects = dict.fromkeys(np.flatnonzero(~trusted).tolist(), UNTRUSTED) | objects
         placed = ~_chosen(objects, len(scene.bodies))
         unrelated = np.flatnonzero(scene.unrelated(believed, placed)).tolist()
-        cameras = dict.fromkeys(unrelated, UNRELATED) | strayed
+        cameras = unconfirmed | dict.fromkeys(unrelated, UNRELATED) | strayed
         taking = Participants(believed, placed, scene.fixed | _chosen(cameras, len(scene.fixed)))
-        solution = _solve(System(scene, taking, occluders, colors, config), state, observed, bool(found.points.any()))
+        solution = _solve(System(scene, taking, occluders, colors, config), state, observed, measured)
+        lone = ~taking.fixed & (_agreeing(scene, taking, solution.weight) < 2)
         far_cameras, far_objects = _beyond(scene, taking, state, solution.state, config.gate)
         # A camera that strays takes along the objects it sees.
         if np.any(far_cameras):
             strayed |= dict.fromkeys(np.flatnonzero(far_cameras).tolist(), BEYOND)
         elif np.any(far_objects):
             objects |= dict.fromkeys(np.flatnonzero(far_objects).tolist(), BEYOND)
+        elif config.joint and not measured and np.any(lone):
+            unconfirmed |= dict.fromkeys(np.flatnonzero(lone).tolist(), UNCONFIRMED)
         else:
             break
     before, after = solution.energy
@@ -172,6 +181,13 @@ def _descend(system: System, state: State) -> _Solution:
     cameras, objects = system.covariances(moved, seen, weight)
     information = seen.hessian + system.scene.information
     return _Solution(moved, cameras, objects, (before, after), weight, information)
+
+
+def _agreeing(scene: Scene, taking: Participants, weight: FloatArray) -> IntArray:
+    """(c,) how many objects each camera sees as at least one other camera does, by the weights (e,) of the edges."""
+    agrees = (weight >= AGREES) & taking.camera[scene.camera] & taking.object[scene.object]
+    cameras = np.bincount(scene.object, agrees, len(scene.bodies))
+    return np.bincount(scene.camera, agrees & (cameras[scene.object] >= 2), len(scene.pictures)).astype(np.int64)
 
 
 def _chosen(indices: Iterable[int], count: int) -> BoolArray:
