@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from multicam.bundle.adjustment.adjust import BEYOND, NOT_SEEN, UNRELATED, UNTRUSTED, adjust
+from multicam.bundle.adjustment.adjust import BEYOND, NOT_SEEN, UNCONFIRMED, UNRELATED, UNTRUSTED, adjust
 from multicam.bundle.adjustment.alone import observe_edges
 from multicam.bundle.adjustment.config import AdjustmentConfig
 from multicam.bundle.adjustment.descent import Participants, System
@@ -124,6 +124,17 @@ def test_a_camera_that_shares_no_object_stays(rng: np.random.Generator) -> None:
     assert answer.kept_cameras == {2: UNRELATED}
     assert np.array_equal(answer.state.world_from_camera[2], start.world_from_camera[2])
     assert np.array_equal(answer.camera_covariance[2], scene.camera_covariance[2])
+
+
+def test_without_depth_one_object_moves_no_camera(rng: np.random.Generator) -> None:
+    """The third camera sees one box; with depth that is enough."""
+    start = shaken(rng)
+    for depth in (False, True):
+        scene = rig(rng, depth=depth)
+        scene = only(scene, (scene.camera < 2) | (scene.object == 1))
+        answer = adjust(scene, start, CONFIG)
+        assert (answer.kept_cameras.get(2) == UNCONFIRMED) is not depth
+        assert np.array_equal(answer.state.world_from_camera[2], start.world_from_camera[2]) is not depth
 
 
 def test_a_camera_held_by_odometry_alone_follows_it(rng: np.random.Generator) -> None:

@@ -24,7 +24,7 @@ from multicam.types import FloatArray
 NOT_SEEN = "no line of its contour and no point of its surface was found in any picture"
 UNTRUSTED = "only cameras see it whose own poses the pictures contradict"
 UNRELATED = "it shares no object with the cameras whose poses are known"
-UNCONFIRMED = "without depth two objects must agree on where it is, and fewer do"
+UNCONFIRMED = "without depth two objects must agree on where it is, and better than their estimates did"
 BEYOND = "the pictures would move it further than the uncertainty of its old pose allows"
 NOT_BETTER = "the pictures fit the poses found no better than the old ones"
 
@@ -75,7 +75,8 @@ def adjust(scene: Scene, state: State, config: AdjustmentConfig) -> Adjusted:
 
     Cameras move that share an object with others; an object that one camera alone sees follows it. A camera or object
     that would leave the gate of its old pose keeps that pose and says nothing about the others. Where nothing measures
-    depth, a camera moves only if two objects agree on where it is. If the energy does not fall, all stay.
+    depth, a camera moves only if two objects agree on where it is, and better than their estimates did. If the energy
+    does not fall, all stay.
     """
     occluders = find_occluders(scene, state, config)
     colors: Sequence[ColorModel] = learn_colors(scene, scene.estimated, occluders, config)
@@ -98,15 +99,18 @@ def adjust(scene: Scene, state: State, config: AdjustmentConfig) -> Adjusted:
         cameras = unconfirmed | dict.fromkeys(unrelated, UNRELATED) | strayed
         taking = Participants(believed, placed, scene.fixed | _chosen(cameras, len(scene.fixed)))
         solution = _solve(System(scene, taking, occluders, colors, config), state, observed, measured)
-        lone = ~taking.fixed & (_agreeing(scene, taking, solution.weight) < 2)
         far_cameras, far_objects = _beyond(scene, taking, state, solution.state, config.gate)
         # A camera that strays takes along the objects it sees.
         if np.any(far_cameras):
             strayed |= dict.fromkeys(np.flatnonzero(far_cameras).tolist(), BEYOND)
         elif np.any(far_objects):
             objects |= dict.fromkeys(np.flatnonzero(far_objects).tolist(), BEYOND)
-        elif config.joint and not measured and np.any(lone):
-            unconfirmed |= dict.fromkeys(np.flatnonzero(lone).tolist(), UNCONFIRMED)
+        elif (
+            observed is not None
+            and not measured
+            and np.any(doubtful := _doubtful(scene, taking, state, solution, observed))
+        ):
+            unconfirmed |= dict.fromkeys(np.flatnonzero(doubtful).tolist(), UNCONFIRMED)
         else:
             break
     before, after = solution.energy
@@ -181,6 +185,20 @@ def _descend(system: System, state: State) -> _Solution:
     cameras, objects = system.covariances(moved, seen, weight)
     information = seen.hessian + system.scene.information
     return _Solution(moved, cameras, objects, (before, after), weight, information)
+
+
+def _doubtful(
+    scene: Scene, taking: Participants, before: State, solution: _Solution, observed: PoseFactor
+) -> BoolArray:
+    """(c,) free cameras that too few objects confirm, or whose objects agree less as the pictures show them."""
+    taken = taking.camera[scene.camera] & taking.object[scene.object]
+
+    def disagreement(poses: FloatArray, state: State) -> FloatArray:
+        squared = squared_norm(se3.minus(poses, edge_poses(scene, state)), scene.information)
+        return np.bincount(scene.camera, taken * observed.kernel.energy(squared), len(scene.pictures)).astype(float)
+
+    worse = disagreement(observed.observed, solution.state) >= disagreement(scene.estimated, before)
+    return ~taking.fixed & (worse | (_agreeing(scene, taking, solution.weight) < 2))
 
 
 def _agreeing(scene: Scene, taking: Participants, weight: FloatArray) -> IntArray:
