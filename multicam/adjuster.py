@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from multicam.bundle.adjustment.adjust import UNRELATED, Adjusted, adjust
+from multicam.bundle.adjustment.adjust import AGREES, UNRELATED, Adjusted, adjust
 from multicam.bundle.adjustment.config import AdjustmentConfig
 from multicam.bundle.adjustment.frames import ideal_picture
 from multicam.bundle.adjustment.registered import EstimateNoise, scene_of
@@ -37,13 +37,7 @@ class BundleConfig:
     viewpoints: ViewpointConfig = field(default_factory=ViewpointConfig)
     """What is known of each object's contours and surface; drawn once, then kept on disk."""
     without_depth: bool = False
-    """Also moments at which no camera measures depth; contours alone make thin objects in small pictures worse."""
-    least_weight: float = 0.5
-    """Estimates that agree less than that with the adjusted poses, from 0 to 1, stay as they are."""
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.least_weight <= 1:
-            raise ValueError(f"least_weight must lie in [0, 1]; it is {self.least_weight:g}")
+    """Also moments at which no camera measures depth; contours alone leave more than one camera in ten worse off."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,29 +121,31 @@ class Adjuster:
         answer = adjust(scene, state, self.config.adjustment)
         instances = [graph.rests[number].instance for number in numbers]
         return Adjustment(
-            self._moved(views, component, answer, edge_poses(scene, answer.state)),
+            _moved(views, component, answer, edge_poses(scene, answer.state)),
             answer.energy,
             {stays[c].camera_id: reason for c, reason in answer.kept_cameras.items()},
             {instances[o]: reason for o, reason in answer.kept_objects.items()},
         )
 
-    def _moved(
-        self, views: Sequence[View], component: Component, answer: Adjusted, pose: FloatArray
-    ) -> tuple[View, ...]:
-        """The views with the estimates behind the edges (e) at their new poses, camera_from_object (e, 4, 4)."""
-        fresh: dict[tuple[str, int], ObjectEstimate] = {}
-        given = {view.view_id: view.estimates for view in views}
-        supports = [(o, support) for o, placed in enumerate(component.objects) for support in placed.supports]
-        strays = {component.cameras[c].view_id for c, why in answer.kept_cameras.items() if why != UNRELATED}
-        for e, (o, (name, index)) in enumerate(supports):
-            if o not in answer.kept_objects and name not in strays and answer.weight[e] >= self.config.least_weight:
-                fresh[name, index] = replace(
-                    given[name][index], camera_from_object=pose[e], covariance=inverse(answer.information[e])
-                )
-        return tuple(
-            replace(view, estimates=tuple(fresh.get((view.view_id, n), each) for n, each in enumerate(view.estimates)))
-            for view in views
-        )
+
+def _moved(views: Sequence[View], component: Component, answer: Adjusted, pose: FloatArray) -> tuple[View, ...]:
+    """The views with the estimates behind the edges (e) at their new poses, camera_from_object (e, 4, 4).
+
+    Edges are the supports of the objects, in their order; those that do not agree keep their estimates.
+    """
+    fresh: dict[tuple[str, int], ObjectEstimate] = {}
+    given = {view.view_id: view.estimates for view in views}
+    supports = [(o, support) for o, placed in enumerate(component.objects) for support in placed.supports]
+    strays = {component.cameras[c].view_id for c, why in answer.kept_cameras.items() if why != UNRELATED}
+    for e, (o, (name, index)) in enumerate(supports):
+        if o not in answer.kept_objects and name not in strays and answer.weight[e] >= AGREES:
+            fresh[name, index] = replace(
+                given[name][index], camera_from_object=pose[e], covariance=inverse(answer.information[e])
+            )
+    return tuple(
+        replace(view, estimates=tuple(fresh.get((view.view_id, n), each) for n, each in enumerate(view.estimates)))
+        for view in views
+    )
 
 
 def _component(
@@ -157,10 +153,8 @@ def _component(
 ) -> tuple[Component, tuple[int, ...]]:
     """Cameras, and the objects that they see now, with the first camera as gauge; and the numbers of the rests."""
     graph, given = solution.graph, {view.view_id: view.estimates for view in views}
-    index = {stay.camera_id: graph.index_of(stay.camera_id) for stay in stays}
-    gauge = index[stays[0].camera_id]
-    assert gauge is not None
-    cameras, objects = solution.seen_from(gauge)
+    index = [graph.stays.index(stay) for stay in stays]
+    cameras, objects = solution.seen_from(index[0])
     supports: dict[int, list[tuple[str, int]]] = {}
     for stay in stays:
         for number, estimate in _behind(stay, given[stay.camera_id], graph, timestamp_ns).items():
@@ -172,9 +166,7 @@ def _component(
         for rest in (graph.rests[number],)
     ]
     standing = [
-        PlacedCamera(stay.camera_id, stay.world_from_camera, cameras[n])
-        for stay in stays
-        if (n := index[stay.camera_id]) is not None
+        PlacedCamera(stay.camera_id, stay.world_from_camera, cameras[n]) for stay, n in zip(stays, index, strict=True)
     ]
     return Component(tuple(standing), tuple(placed)), tuple(supports)
 

@@ -111,9 +111,9 @@ def parse_command(schema: type[Config], argv: Sequence[str], prog: str, descript
     rest, path = _split_config_flag(list(argv))
     default = _with_missing(schema, read_yaml(path) if path else {}, str(path))
     text = f"{description}\n\n--config FILE.yaml sets any of the options below; flags override the file."
-    # A part that may be left out is left out by a file; for flags it is what it is by default.
-    whole = (tyro.conf.AvoidSubcommands,)
-    return tyro.cli(schema, args=rest, prog=prog, description=text, default=default, config=whole)
+    # Else every part that may be null becomes a subcommand; such a part is set to null by a file.
+    flat = (tyro.conf.AvoidSubcommands,)
+    return tyro.cli(schema, args=rest, prog=prog, description=text, default=default, config=flat)
 
 
 def _with_missing(schema: type[Config], mapping: dict[str, Any], source: str) -> Config:

@@ -156,6 +156,8 @@ def run_from_true(run: RunResult, truth: Truth) -> FloatArray | None:
 
 def _adjustment_errors(run: RunResult, truth: Truth, points: PointSets) -> AdjustmentErrors | None:
     adjusted = [step for step in run.steps if step.adjustment is not None]
+    if not adjusted:
+        return None
     cameras: dict[str, list[tuple[CameraError, CameraError]]] = {name: [] for name in run.statics}
     objects: list[tuple[float, float]] = []
     for step in adjusted:
@@ -174,8 +176,6 @@ def _adjustment_errors(run: RunResult, truth: Truth, points: PointSets) -> Adjus
         if all(reference is not None for reference in references):
             for obj_id, errors in judged[0].items():
                 objects += zip(errors, judged[1][obj_id], strict=True)
-    if not adjusted:
-        return None
     return AdjustmentErrors({name: tuple(found) for name, found in cameras.items()}, tuple(objects))
 
 

@@ -29,7 +29,7 @@ BEYOND = "the pictures would move it further than the uncertainty of its old pos
 NOT_BETTER = "the pictures fit the poses found no better than the old ones"
 
 AGREES = 0.5
-"""Weight from which an edge confirms a camera."""
+"""Weight from which an edge agrees with the others."""
 
 
 @dataclass(frozen=True, eq=False)
