@@ -28,9 +28,9 @@ def write_atomic(path: Path) -> Generator[Path]:
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)
-    os.close(handle)
     temporary = Path(name)
     try:
+        os.close(handle)
         yield temporary
         # mkstemp makes private files; results get the permissions any other new file would have.
         umask = os.umask(0)

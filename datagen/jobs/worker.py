@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 import sys
 from multiprocessing.connection import Connection
+from types import FrameType
 
 from datagen.jobs.work import SceneWorker
 
@@ -23,11 +24,17 @@ def serve(channel: Connection) -> None:
         worker.close()
 
 
+def end_once(number: int, frame: FrameType | None) -> None:
+    """Handler: ends the process; a second signal does not break into what the first has it put in order."""
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    sys.exit(0)
+
+
 def main() -> None:
     """Entry point; the pipe is the file descriptor given as the only argument."""
     # Ctrl-C reaches every process of a terminal; what becomes of the workers is for the parent to say.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
+    signal.signal(signal.SIGTERM, end_once)
     serve(Connection(int(sys.argv[1])))
 
 
