@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from multicam.bundle.occlusion_compiled import nearest_of_blocks
 from multicam.geometry.camera import Camera
 from multicam.geometry.mesh import Mesh
-from multicam.geometry.rasterizer import render_depth
+from multicam.geometry.rasterizer import render_depths
 from multicam.types import FloatArray
 
 
@@ -35,11 +37,13 @@ class DepthImage:
         if self.camera.distortion:
             raise ValueError("a depth picture needs an ideal lens; undistort it first")
 
+    @cached_property
+    def blocks(self) -> NDArray[np.float32]:
+        """The nearest depth in each square of `occlusion_compiled.BLOCK` pixels."""
+        return nearest_of_blocks(self.depth)
+
 
 def draw_bodies(bodies: Sequence[tuple[Mesh, FloatArray]], camera: Camera) -> DepthImage:
     """What the colour camera, or a scaled copy of it, would measure of meshes at poses camera_from_object (4, 4)."""
-    nearest = np.full((camera.height, camera.width), np.inf, dtype=np.float32)
-    for mesh, camera_from_object in bodies:
-        depth = render_depth(mesh, camera, camera_from_object)
-        np.minimum(nearest, depth, out=nearest, where=depth > 0)
-    return DepthImage(nearest, camera, np.eye(4))
+    depth = render_depths(bodies, camera)
+    return DepthImage(np.where(depth > 0, depth, np.float32(np.inf)), camera, np.eye(4))

@@ -48,7 +48,7 @@ class Occluders:
         within = min(int(self.config.radius / offset_step + 0.5), offset.shape[-1] - 1)
         for image in self.images:
             mark_hidden(
-                image.depth, image.camera.matrix, image.depth_from_camera @ camera_from_object,
+                image.depth, image.blocks, image.camera.matrix, image.depth_from_camera @ camera_from_object,
                 point, offset[:, within], self.config.radius, self.config.threshold, seen,
             )  # fmt: skip
         return seen

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any, no_type_check
 
 import numpy as np
@@ -20,9 +21,19 @@ NEAR = 0.01
 def render_depth(
     mesh: Mesh, camera: Camera, camera_from_object: Float64[np.ndarray, "4 4"], near: float = NEAR
 ) -> NDArray[np.float32]:
-    """Depth along the optical axis at each pixel centre, metres; 0 where the mesh is not seen.
+    """Depth of one mesh; see `render_depths`."""
+    return render_depths([(mesh, camera_from_object)], camera, near)
+
+
+def render_depths(
+    meshes: Iterable[tuple[Mesh, Float64[np.ndarray, "4 4"]]], camera: Camera, near: float = NEAR
+) -> NDArray[np.float32]:
+    """Depth along the optical axis at each pixel centre, metres; 0 where no mesh is seen.
 
     To draw beyond the border of an image, pass the camera of a larger canvas: `camera.warped(shift, w, h)`.
+
+    Args:
+        meshes: each with its camera_from_object (4, 4).
 
     Returns:
         (height, width) float32.
@@ -32,10 +43,11 @@ def render_depth(
     """
     if camera.distortion:
         raise ValueError("the rasterizer draws straight edges: use camera.without_distortion()")
-    # Homogeneous pixels (u z, v z, z) stay linear in 3-D, so clipping and interpolation need no special case.
-    homogeneous = se3.act(camera_from_object, mesh.vertices) @ camera.matrix.T
     inverse_depth = np.zeros((camera.height, camera.width), dtype=np.float64)
-    _fill(homogeneous, mesh.faces, near, inverse_depth)
+    for mesh, camera_from_object in meshes:
+        # Homogeneous pixels (u z, v z, z) stay linear in 3-D, so clipping and interpolation need no special case.
+        homogeneous = se3.act(camera_from_object, mesh.vertices) @ camera.matrix.T
+        _fill(homogeneous, mesh.faces, near, inverse_depth)
     seen = inverse_depth > 0
     return np.divide(1.0, inverse_depth, out=np.zeros_like(inverse_depth), where=seen).astype(np.float32)
 
@@ -49,8 +61,15 @@ def _compiled(function: Any) -> Any:
 @no_type_check
 def _fill(homogeneous: Any, faces: Any, near: float, inverse_depth: Any) -> None:
     """Draws every triangle; one crossing the near plane becomes a polygon of up to four corners."""
+    projected = np.empty_like(homogeneous)
+    for vertex in range(len(homogeneous)):
+        _project(homogeneous[vertex], projected[vertex])
     polygon = np.empty((4, 3))
     for face in range(faces.shape[0]):
+        i, j, k = faces[face, 0], faces[face, 1], faces[face, 2]
+        if homogeneous[i, 2] >= near and homogeneous[j, 2] >= near and homogeneous[k, 2] >= near:
+            _triangle(projected, i, j, k, inverse_depth)
+            continue
         count = 0
         for corner in range(3):
             a = homogeneous[faces[face, corner]]
@@ -63,18 +82,29 @@ def _fill(homogeneous: Any, faces: Any, near: float, inverse_depth: Any) -> None
                 for axis in range(3):
                     polygon[count, axis] = a[axis] + share * (b[axis] - a[axis])
                 count += 1
+        for corner in range(count):
+            _project(polygon[corner], polygon[corner])
         for last in range(2, count):
-            _triangle(polygon[0], polygon[last - 1], polygon[last], inverse_depth)
+            _triangle(polygon, 0, last - 1, last, inverse_depth)
 
 
 @_compiled
 @no_type_check
-def _triangle(a: Any, b: Any, c: Any, inverse_depth: Any) -> None:
+def _project(homogeneous: Any, out: Any) -> None:
+    """(x, y, 1/z) of (x z, y z, z), which may be the same memory; of no use where z is not positive."""
+    x, y, z = homogeneous[0], homogeneous[1], homogeneous[2]
+    if z > 0:
+        out[0], out[1], out[2] = x / z, y / z, 1 / z
+
+
+@_compiled
+@no_type_check
+def _triangle(projected: Any, i: int, j: int, k: int, inverse_depth: Any) -> None:
     """Keeps the greatest 1/z at each pixel centre inside; 1/z is linear over the image."""
     height, width = inverse_depth.shape
-    ax, ay, aw = a[0] / a[2], a[1] / a[2], 1 / a[2]
-    bx, by, bw = b[0] / b[2], b[1] / b[2], 1 / b[2]
-    cx, cy, cw = c[0] / c[2], c[1] / c[2], 1 / c[2]
+    ax, ay, aw = projected[i, 0], projected[i, 1], projected[i, 2]
+    bx, by, bw = projected[j, 0], projected[j, 1], projected[j, 2]
+    cx, cy, cw = projected[k, 0], projected[k, 1], projected[k, 2]
     area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
     if area == 0:
         return

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from multicam.geometry import se3
 from multicam.geometry.camera import Camera
 from multicam.geometry.mesh import Mesh
-from multicam.geometry.rasterizer import NEAR, render_depth
+from multicam.geometry.rasterizer import NEAR, render_depth, render_depths
 from tests.close import assert_close
 from tests.strategies import Array, arrays, rotations
 from tests.toy_objects import BRACKET, PEG, PYRAMID, toy_meshes
@@ -55,6 +55,15 @@ def test_a_warped_camera_draws_the_warped_picture() -> None:
     clear = np.abs(inside) > 1e-6
     assert (expected > 0).sum() > 200
     assert_close(render_depth(MESHES[BRACKET], camera, pose)[clear], expected[clear], atol=1e-6)
+
+
+def test_of_several_meshes_the_nearest_is_seen() -> None:
+    poses = [se3.from_parts(np.eye(3), np.array([x, 0, z])) for x, z in ((0.0, 0.5), (0.02, 0.4), (-0.04, 0.3))]
+    meshes = [(MESHES[obj_id], pose) for obj_id, pose in zip((BRACKET, PEG, PYRAMID), poses, strict=True)]
+    alone = np.array([render_depth(mesh, CAMERA, pose) for mesh, pose in meshes])
+    nearest = np.where(alone > 0, alone, np.inf).min(axis=0)
+    assert all(np.any(one == nearest) for one in alone)
+    assert np.array_equal(render_depths(meshes, CAMERA), np.where(np.isfinite(nearest), nearest, 0))
 
 
 def test_the_winding_of_a_face_does_not_matter() -> None:

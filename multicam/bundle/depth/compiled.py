@@ -44,16 +44,19 @@ def search_points(
         least = radius * radius
         found = (0.0, 0.0, 0.0)
         for row in range(top, bottom + 1, stride):
+            across = unprojection[0, 1] * row + unprojection[0, 2]
+            down = unprojection[1, 1] * row + unprojection[1, 2]
             for column in range(left, right + 1, stride):
-                measured = depth[row, column]
-                # Also false for NaN.
-                if not 0 < measured < z + radius:
+                measured = np.float64(depth[row, column])
+                behind = measured - z
+                # Most pixels are too near or too far already; also false for NaN.
+                if not (measured > 0 and behind * behind < least):
                     continue
-                mx = (unprojection[0, 0] * column + unprojection[0, 1] * row + unprojection[0, 2]) * measured
-                my = (unprojection[1, 0] * column + unprojection[1, 1] * row + unprojection[1, 2]) * measured
-                square = (mx - x) ** 2 + (my - y) ** 2 + (measured - z) ** 2
+                mx = (unprojection[0, 0] * column + across) * measured
+                my = (unprojection[1, 0] * column + down) * measured
+                square = (mx - x) ** 2 + (my - y) ** 2 + behind * behind
                 if square < least:
-                    least, found = square, (mx, my, np.float64(measured))
+                    least, found = square, (mx, my, measured)
         if least == radius * radius:
             continue
         pair = pairs[count]
