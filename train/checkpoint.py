@@ -144,6 +144,31 @@ def restore(folder: Path, model: nn.Module, average: MovingAverage, optimizer: t
     return state
 
 
+def take_over(folder: Path, model: nn.Module) -> list[str]:
+    """Gives a fresh network the averaged weights of a checkpoint of another training, of other classes maybe.
+
+    Returns:
+        Names of the tensors that stay as they were, for those of the checkpoint have other shapes or are not there.
+
+    Raises:
+        DataError: the folder is no checkpoint, or damaged.
+        ModelError: less than half of the network's numbers are in it.
+    """
+    find_checkpoint(folder)
+    theirs, ours = _read_tensors(folder / "ema.safetensors"), model.state_dict()
+    fitting = {n: t for n, t in theirs.items() if n in ours and ours[n].shape == t.shape}
+    taken, all_of_it = (sum(ours[n].numel() for n in names) for names in (fitting, ours))
+    if 2 * taken < all_of_it:
+        there = load_model_config(folder)
+        raise ModelError(
+            f"{folder} holds a {there.size} network with the neck {there.neck}, strides {there.strides} and "
+            f"{there.bins} bins; only {taken / all_of_it:.0%} of the network of this configuration is in it. "
+            "Choose the same size and neck, or leave `initial` out."
+        )
+    model.load_state_dict(fitting, strict=False)
+    return [name for name in ours if name not in fitting]
+
+
 def _training_tensors(model: nn.Module, optimizer: torch.optim.Optimizer) -> dict[str, Tensor]:
     tensors = {"random/cpu": torch.get_rng_state()}
     if torch.cuda.is_available():

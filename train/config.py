@@ -230,6 +230,9 @@ class TrainConfig:
     """Instances seen less are neither learnt nor counted as background."""
     validate_every: int = 5
     """Epochs between validations; the last epoch always ends with one."""
+    initial: Path | None = None
+    """Checkpoint of another training, of other classes maybe, whose weights this one begins with; layers of other
+    shapes, as those of the classes, begin as in any training."""
     seed: int = 0
     """Of the first weights, the order and the augmentation."""
     precision: Literal["fp32", "bf16"] = "fp32"

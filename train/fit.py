@@ -19,7 +19,7 @@ from multicam.dataset.objects import Catalogue, load_catalogue
 from multicam.errors import DataError, MulticamError
 from multicam.progress import Progress, SilentProgress
 from train.board import Board
-from train.checkpoint import RunState, find_checkpoint, restore, save_checkpoint
+from train.checkpoint import RunState, find_checkpoint, restore, save_checkpoint, take_over
 from train.config import StageConfig, TrainConfig
 from train.criterion import criterion, total
 from train.distributed import Group, StopSignal, process_group
@@ -51,6 +51,8 @@ def fit(config: TrainConfig, progress: Progress | None = None) -> RunState:
         run = Run(config, group, progress if progress and group.leads else SilentProgress())
         if last:
             run.resume(last)
+        elif config.initial:
+            run.begin_with(config.initial)
         return run.train(stop)
 
 
@@ -86,6 +88,13 @@ class Run:
         self.dataset, self.validation, self.objects = _datasets(config, self.catalogue, progress)
         self.sampler = EpochSampler(len(self.dataset), config.batch_size, config.seed, group.rank, group.processes)
         self.state = RunState(0, 0, config.network.input_width, config.network.input_height)
+
+    def begin_with(self, folder: Path) -> None:
+        """Takes over the weights of another training, see `take_over`."""
+        fresh = take_over(folder, self.detector)
+        self.average.model.load_state_dict(self.detector.state_dict())
+        if self.group.leads:
+            log.info("weights of %s; new are: %s", folder, ", ".join(fresh) or "none")
 
     def resume(self, folder: Path) -> None:
         """Continues from a checkpoint."""

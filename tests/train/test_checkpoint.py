@@ -7,7 +7,7 @@ from models.config import ModelConfig
 from models.detector import Detector
 from multicam.errors import DataError, ModelError, MulticamError
 from tests.train.toy_pictures import toy_objects
-from train.checkpoint import RunState, find_checkpoint, load_state, load_weights, restore, save_checkpoint
+from train.checkpoint import RunState, find_checkpoint, load_state, load_weights, restore, save_checkpoint, take_over
 from train.optimizer import MovingAverage, build_optimizer
 
 CONFIG = ModelConfig(2, "nano", bins=16)
@@ -58,6 +58,26 @@ def test_export_gets_network_classes_and_averaged_weights(tmp_path: Path) -> Non
     assert catalogue[5].symmetries and not catalogue[2].symmetries
     for name, tensor in run[1].model.state_dict().items():
         assert torch.equal(weights[name], tensor)
+
+
+def test_a_training_begins_with_the_averaged_weights_of_one_with_other_classes(tmp_path: Path) -> None:
+    run = fresh()
+    step(*run)
+    save(tmp_path / "last", run, RunState(0, 1, 64, 64))
+    other = fresh(5, ModelConfig(7, "nano", bins=16))[0]
+    before = {name: tensor.clone() for name, tensor in other.state_dict().items()}
+    new = take_over(tmp_path / "last", other)
+    # One layer of each level tells classes apart.
+    assert len(new) == 2 * len(CONFIG.strides) and all("class" in name for name in new)
+    for name, tensor in run[1].model.state_dict().items():
+        assert torch.equal(other.state_dict()[name], before[name] if name in new else tensor), name
+
+
+def test_weights_of_another_size_are_refused(tmp_path: Path) -> None:
+    save(tmp_path / "last", fresh(), RunState(0, 1, 64, 64))
+    with pytest.raises(ModelError, match=r"holds a nano network.*only \d+% of the network") as refused:
+        take_over(tmp_path / "last", fresh(0, ModelConfig(2, "tiny", bins=16))[0])
+    assert "leave `initial` out" in str(refused.value)
 
 
 def test_nothing_in_a_checkpoint_is_pickled(tmp_path: Path) -> None:
