@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import torch
@@ -53,6 +54,13 @@ class AblationConfig:
     """Trainings of each row."""
     jobs: int = 2
     """Trainings at a time, with one thread each."""
+    trainings: tuple[Literal["regression", "classifier", "rays", "pasted"], ...] = (
+        "regression",
+        "classifier",
+        "rays",
+        "pasted",
+    )
+    """Which to make; rows of others are left out."""
 
 
 class Regression(Detector):
@@ -162,7 +170,7 @@ def main() -> None:
     config = parse_command(AblationConfig, sys.argv[1:], "training_ablation.py", __doc__ or "")
     recipe = load_config(TrainConfig, config.recipe)
     trainings = {
-        (name, seed): variant(recipe, name, seed, config) for seed in range(config.seeds) for name in TRAININGS
+        (name, seed): variant(recipe, name, seed, config) for seed in range(config.seeds) for name in config.trainings
     }
     with ProcessPoolExecutor(config.jobs, mp_context=get_context("spawn")) as pool:
         tasks = pool.map(run, trainings.values())
@@ -171,6 +179,7 @@ def main() -> None:
         rows = {
             row: list(pool.map(partial(judge, regression=name == "regression", weighted=weighted), of))
             for row, name, weighted in ROWS
+            if name in config.trainings
             for of in [[trainings[name, seed] for seed in range(config.seeds)]]
         }
     result = table(rows, config)
