@@ -13,6 +13,7 @@ import torch
 import torch.distributed as dist
 
 from multicam.errors import ConfigError
+from train.memory import reuse_freed_memory
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,9 @@ class Group:
 
 @contextmanager
 def process_group(device: str) -> Iterator[Group]:
-    """Joins the processes that torchrun started (gloo on CPUs, nccl on GPUs); a lone process needs nothing.
+    """Joins the processes that torchrun started (gloo on CPUs, nccl on GPUs); a lone process has nothing to join.
+
+    On a CPU the process keeps the memory that it frees, see `reuse_freed_memory`.
 
     Raises:
         ConfigError: a GPU is asked for and there is none.
@@ -54,6 +57,8 @@ def process_group(device: str) -> Iterator[Group]:
     gpu = device == "cuda" or (device == "auto" and torch.cuda.is_available())
     processes, local = int(os.environ.get("WORLD_SIZE", "1")), int(os.environ.get("LOCAL_RANK", "0"))
     chosen = torch.device("cuda", local) if gpu else torch.device("cpu")
+    if not gpu:
+        reuse_freed_memory()
     if processes == 1:
         yield Group(0, 1, chosen)
         return
