@@ -33,8 +33,7 @@ class DccOutputs(NamedTuple):
         heat_x, heat_y: (M, K, bins) probability of each bin.
         bins_x, bins_y: (M, bins) position of each bin.
         sigma: (M, K) learned scale, relative to twice the size of the instance.
-        variance: (M, K, 2) of the heat maps, square pixels.
-        std: (M, K, 2) standard deviation that joins both: the larger of heat map and learned scale, at least 0.5.
+        size: (M,) of the instances as their boxes say, pixels.
     """
 
     keypoints: Tensor
@@ -43,8 +42,22 @@ class DccOutputs(NamedTuple):
     bins_x: Tensor
     bins_y: Tensor
     sigma: Tensor
-    variance: Tensor
-    std: Tensor
+    size: Tensor
+
+    @property
+    def variance(self) -> Tensor:
+        """(M, K, 2) of the heat maps, square pixels."""
+        mean_x, mean_y = self.keypoints.unbind(dim=-1)
+        along_x = _mean(self.heat_x, (self.bins_x[:, None] - mean_x[..., None]).square())
+        along_y = _mean(self.heat_y, (self.bins_y[:, None] - mean_y[..., None]).square())
+        return torch.stack((along_x, along_y), dim=-1)
+
+    @property
+    def std(self) -> Tensor:
+        """(M, K, 2) standard deviation that joins both: the larger of heat map and learned scale, at least 0.5."""
+        # The likelihood is a Laplace density of scale 2 sigma size, whose deviation is sqrt(2) times that.
+        learned = 2 * math.sqrt(2) * self.sigma * self.size[:, None]
+        return torch.maximum(self.variance, learned[..., None] ** 2).clamp(min=_LEAST_STD**2).sqrt()
 
 
 class DynamicCoordinateClassifier(nn.Module):
@@ -90,15 +103,9 @@ class DynamicCoordinateClassifier(nn.Module):
         offset = middle - centres
         heat_x = self._logits(features, self.encode_x, offset[:, 0], size[:, 0]).softmax(dim=2)
         heat_y = self._logits(features, self.encode_y, offset[:, 1], size[:, 1]).softmax(dim=2)
-        mean_x, variance_x = _moments(heat_x, bins[..., 0])
-        mean_y, variance_y = _moments(heat_y, bins[..., 1])
+        keypoints = torch.stack((_mean(heat_x, bins[:, None, :, 0]), _mean(heat_y, bins[:, None, :, 1])), dim=-1)
         sigma = torch.sigmoid(self.to_sigma(pose_vectors)) * self.sigma_scale
-        variance = torch.stack((variance_x, variance_y), dim=-1)
-        # The likelihood is a Laplace density of scale 2 sigma size, whose deviation is sqrt(2) times that.
-        learned = 2 * math.sqrt(2) * sigma * instance_size(boxes)[:, None]
-        std = torch.maximum(variance, learned[..., None] ** 2).clamp(min=_LEAST_STD**2).sqrt()
-        keypoints = torch.stack((mean_x, mean_y), dim=-1)
-        return DccOutputs(keypoints, heat_x, heat_y, bins[..., 0], bins[..., 1], sigma, variance, std)
+        return DccOutputs(keypoints, heat_x, heat_y, bins[..., 0], bins[..., 1], sigma, instance_size(boxes))
 
     def _logits(self, features: Tensor, encode: nn.Linear, offset: Tensor, size: Tensor) -> Tensor:
         """Feature times linearly mapped sine encoding of the bins at offset + steps * size (M,); (M, K, bins).
@@ -164,8 +171,6 @@ def instance_size(boxes: Tensor) -> Tensor:
     return (0.53 / 2 * (boxes[..., 2:] - boxes[..., :2]).square().sum(dim=-1)).sqrt()
 
 
-def _moments(heat: Tensor, bins: Tensor) -> tuple[Tensor, Tensor]:
-    """Mean and variance (M, K) of the heat maps (M, K, bins)."""
-    mean = (heat * bins[:, None]).sum(dim=2)
-    variance = (heat * (bins[:, None] - mean[..., None]).square()).sum(dim=2)
-    return mean, variance
+def _mean(heat: Tensor, values: Tensor) -> Tensor:
+    """(M, K) of values (M, 1 or K, bins) over the heat maps (M, K, bins)."""
+    return (heat * values).sum(dim=2)

@@ -23,7 +23,7 @@ def heat_maps(logits_x: list[float], logits_y: list[float], bins: list[float], s
     x, y = torch.tensor([[logits_x]]).float().softmax(dim=2), torch.tensor([[logits_y]]).float().softmax(dim=2)
     places = torch.tensor([bins]).float()
     empty = torch.zeros(1, 1, 2)
-    return DccOutputs(empty, x, y, places, places, torch.tensor([[sigma]]), empty, empty)
+    return DccOutputs(empty, x, y, places, places, torch.tensor([[sigma]]), empty)
 
 
 def test_box_loss_is_one_minus_squared_iou() -> None:
@@ -142,7 +142,7 @@ def test_the_likelihood_gradient_is_exact() -> None:
 
     def loss(x: torch.Tensor, y: torch.Tensor, sigma: torch.Tensor) -> torch.Tensor:
         x, y = x.softmax(dim=2), y.softmax(dim=2)
-        return likelihood_loss(DccOutputs(empty, x, y, bins, bins, sigma, empty, empty), target, size)
+        return likelihood_loss(DccOutputs(empty, x, y, bins, bins, sigma, empty), target, size)
 
     inputs = [torch.randn(1, 3, 12).double().requires_grad_() for _ in range(2)]
     sigma = (torch.rand(1, 3).double() * 0.1 + 0.02).requires_grad_()
