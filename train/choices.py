@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+import numpy as np
 import torch
 
 from models.config import Size
@@ -15,6 +17,10 @@ from models.dcc import ENLARGEMENT
 _GRID = 32
 _LEAST_SIDE = 32.0
 """Pixels of the input that nine in ten objects should measure: four cells of stride 8."""
+_FOCAL, _DISTANCE = 1.15, 0.6
+"""Focal length in widths of the image, and metres from the parts: the middle of what the generator draws by default."""
+_UNCUT = 0.4
+"""Share of a window's width that nine in ten parts may measure; of those two in five are then cut."""
 _BIN = 1.5
 """Pixels that a bin of the coordinate classifier may measure on nine in ten objects."""
 _GPU_MEMORY = 24e9
@@ -85,6 +91,19 @@ def choose_size(classes: int, machine: Machine) -> tuple[Size, str]:
         return size, f"{size}: a GPU with {memory:.0f} GB."
     size = "nano" if classes <= 12 else "tiny" if classes <= 30 else "s"
     return size, f"{size}: {classes} classes and no GPU; the next size takes about half as long again a picture."
+
+
+def expected_pictures(count: int, validation: int, diameters: Sequence[float]) -> Pictures:
+    """The renders to ask for: 320 x 240, windows at a quarter of the price of whole images where parts are small.
+
+    Windows cut long parts, and what is cut off takes long to learn.
+
+    Args:
+        diameters: of the parts, metres.
+    """
+    small, large = (float(share) for share in np.quantile(diameters, (0.1, 0.9)) * _FOCAL / _DISTANCE)
+    window = 0.5 if large < 0.5 * _UNCUT else 1.0
+    return Pictures(count, validation, 320, 240, 320 * small / window, 320 * large / window, False, window)
 
 
 def choose_input(pictures: Pictures, machine: Machine) -> tuple[int, int, str]:

@@ -32,6 +32,7 @@ from train.choices import (
     choose_size,
     choose_stages,
     choose_workers,
+    expected_pictures,
     input_sizes,
 )
 from train.config import TrainConfig
@@ -41,8 +42,6 @@ log = logging.getLogger(__name__)
 
 _RECIPES = Path(__file__).parents[1] / "configs" / "train"
 _CPU, _GPU = _RECIPES / "instruments.yaml", _RECIPES / "lmo.yaml"
-_WINDOW = 0.5
-"""Share of the camera's image that renders for training show; a quarter of the price of whole ones."""
 _CACHED = 4e9
 """Bytes of decoded pictures that are kept in memory."""
 _PIXEL = 7
@@ -108,7 +107,8 @@ def look_at(data: Path, catalogue: Catalogue) -> Pictures:
     """Counts and sizes of the pictures, or those of the renders that `next_commands` asks for."""
     train, validation = (read_records((data / n,)) if (data / n).is_dir() else [] for n in ("train", "val"))
     if not train:
-        return Pictures(recommended_pictures(catalogue), len(validation), 320, 240, 40.0, 200.0, False, _WINDOW)
+        diameters = [part.diameter for part in catalogue.objects.values()]
+        return expected_pictures(recommended_pictures(catalogue), len(validation), diameters)
     assert train[0].rgb_path is not None
     height, width = read_image(train[0].rgb_path).shape[:2]
     sides = np.array([side for record in train for side in _sides(record, catalogue)])
@@ -128,7 +128,7 @@ def next_commands(config: NewConfig, data: Path, catalogue: Catalogue, pictures:
     """Command lines from here to a network."""
     models, folder, file = (shlex.quote(str(path)) for path in (config.models, data, config.output))
     render = f"  multicam datagen render --models {models} --output {folder}"
-    window = f" --camera.window {pictures.window:g}"
+    window = "" if pictures.window == 1 else f" --camera.window {pictures.window:g}"
     commands: list[str] = []
     if not pictures.rendered:
         commands.append(f"{render} --images {recommended_pictures(catalogue)} --images-per-scene 6{window}")

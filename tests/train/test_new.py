@@ -17,6 +17,7 @@ from train.choices import (
     choose_input,
     choose_size,
     choose_stages,
+    expected_pictures,
     input_sizes,
 )
 from train.cli import main
@@ -94,6 +95,16 @@ def test_a_network_that_learns_from_windows_sees_more_than_they_show() -> None:
     assert input_sizes(replace(PICTURES, window=0.5), 320, 256) == {
         "input_width": 640, "input_height": 480, "window_width": 320, "window_height": 256
     }  # fmt: skip
+
+
+def test_renders_of_small_parts_are_windows_and_those_of_long_ones_whole() -> None:
+    screws = expected_pictures(3000, 0, [0.02, 0.03, 0.05])
+    nails = expected_pictures(3000, 0, [0.05, 0.1, 0.34])
+    assert (screws.window, nails.window) == (0.5, 1.0)
+    # As many pixels as they span in the picture, from 0.6 m and with a focal length of 1.15 widths.
+    assert screws.large == pytest.approx(640 * 1.15 * 0.046 / 0.6)
+    assert nails.small == pytest.approx(320 * 1.15 * 0.06 / 0.6)
+    assert input_sizes(nails, 320, 256) == {"input_width": 320, "input_height": 256}
 
 
 def test_bins_stay_fine_on_large_objects() -> None:
