@@ -44,7 +44,7 @@ class HeadLevel(nn.Module):
         )
         self.pose = nn.Sequential(
             ConvBlock(half, pose, 3),
-            *(ConvBlock(pose, pose, 3, groups=8) for _ in range(3)),
+            *(ConvBlock(pose, pose, 3, groups=config.pose_groups) for _ in range(3)),
         )
         self.sizes = (4, 2 * config.num_keypoints, config.num_keypoints, config.pose_vector)
         self.outputs = nn.Conv2d(pose, sum(self.sizes), 1)

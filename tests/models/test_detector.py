@@ -77,7 +77,10 @@ def test_fusing_changes_the_graph_and_not_the_numbers(config: ModelConfig) -> No
     assert not any(isinstance(m, torch.nn.BatchNorm2d | torch.nn.BatchNorm1d) for m in fused.modules())
     assert all(m.narrow is None for m in fused.modules() if isinstance(m, RepBlock))
     images = torch.rand(1, 3, 64, 96) * 255
-    for a, b in zip(detector.decode(detector(images), 5), fused.decode(fused(images), 5), strict=True):
+    raw, of_fused = detector(images), fused(images)
+    # The same cells for both decoders: where two score alike, rounding says which comes first.
+    decoded = zip(detector.decode(raw, 5), fused.decode(raw, 5), strict=True)
+    for a, b in [*zip(raw, of_fused, strict=True), *decoded]:
         assert torch.allclose(a.float(), b.float(), rtol=1e-3, atol=1e-2)
 
 
