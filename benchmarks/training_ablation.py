@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 import torch
@@ -35,6 +35,8 @@ from train.fit import fit
 from train.loader import ValidationSet
 from train.samples import PictureStore, prepare_objects, read_records
 from train.validate import Prediction, figures, predict
+
+Training = Literal["regression", "classifier", "rays", "pasted"]
 
 _UNIFORM = 1.0
 """Pixels; with one standard deviation for all keypoints PnP weighs them alike."""
@@ -54,12 +56,7 @@ class AblationConfig:
     """Trainings of each row."""
     jobs: int = 2
     """Trainings at a time, with one thread each."""
-    trainings: tuple[Literal["regression", "classifier", "rays", "pasted"], ...] = (
-        "regression",
-        "classifier",
-        "rays",
-        "pasted",
-    )
+    trainings: tuple[Training, ...] = get_args(Training)
     """Which to make; rows of others are left out."""
 
 
@@ -92,13 +89,13 @@ def _regressed(config: TrainConfig) -> TrainConfig:
     return _every_stage(plain, lambda s: replace(s, proxy_target="truth", weights=replace(s.weights, likelihood=0.0)))
 
 
-TRAININGS: dict[str, Callable[[TrainConfig], TrainConfig]] = {
+TRAININGS: dict[Training, Callable[[TrainConfig], TrainConfig]] = {
     "regression": _regressed,
     "classifier": lambda config: _without_pasting(_without_rays(config)),
     "rays": _without_pasting,
     "pasted": lambda config: config,
 }
-ROWS = (
+ROWS: tuple[tuple[str, Training, bool], ...] = (
     ("regressed keypoints", "regression", False),
     ("+ coordinate classifier", "classifier", False),
     ("+ 3-D loss", "rays", False),
@@ -107,7 +104,7 @@ ROWS = (
 )
 
 
-def variant(recipe: TrainConfig, name: str, seed: int, config: AblationConfig) -> TrainConfig:
+def variant(recipe: TrainConfig, name: Training, seed: int, config: AblationConfig) -> TrainConfig:
     """The training of a row: a part of the recipe, cut down to the budget."""
     train = TRAININGS[name](recipe)
     count = len(read_records(train.data.train))

@@ -20,7 +20,7 @@ _LEAST_SIDE = 32.0
 _FOCAL, _DISTANCE = 1.15, 0.6
 """Focal length in widths of the image, and metres from the parts: the middle of what the generator draws by default."""
 _UNCUT = 0.4
-"""Share of a window's width that nine in ten parts may measure; of those two in five are then cut."""
+"""Share of a window's width that nine in ten parts may measure; about half of such parts are then cut."""
 _BIN = 1.5
 """Pixels that a bin of the coordinate classifier may measure on nine in ten objects."""
 _GPU_MEMORY = 24e9
