@@ -67,6 +67,17 @@ def is_due(before: SceneGraph, now: SceneGraph) -> bool:
     return now.now is not None and bool(now.now.edges) and begins(now, now.now)
 
 
+def load_bodies(catalogue: Catalogue, config: ViewpointConfig, progress: Progress) -> dict[int, Body]:
+    """Reads meshes and viewpoint models of a catalogue; models that do not exist yet are drawn.
+
+    Raises:
+        DataError: a mesh cannot be read, or the models cannot be kept.
+    """
+    meshes = {obj_id: catalogue[obj_id].load_mesh() for obj_id in catalogue.obj_ids}
+    models = load_viewpoints(meshes, config, progress)
+    return {obj_id: Body(models[obj_id], mesh) for obj_id, mesh in meshes.items()}
+
+
 @dataclass(frozen=True, eq=False)
 class Adjuster:
     """Bundle adjustment with the objects' shapes at hand.
@@ -77,17 +88,6 @@ class Adjuster:
 
     bodies: Mapping[int, Body]
     config: BundleConfig
-
-    @classmethod
-    def load(cls, catalogue: Catalogue, config: BundleConfig, progress: Progress) -> Adjuster:
-        """Reads meshes and viewpoint models of a catalogue; models that do not exist yet are drawn.
-
-        Raises:
-            DataError: a mesh cannot be read, or the models cannot be kept.
-        """
-        meshes = {obj_id: catalogue[obj_id].load_mesh() for obj_id in catalogue.obj_ids}
-        models = load_viewpoints(meshes, config.viewpoints, progress)
-        return cls({obj_id: Body(models[obj_id], mesh) for obj_id, mesh in meshes.items()}, config)
 
     def adjust(
         self,

@@ -23,6 +23,10 @@ from multicam.geometry import se3
 from multicam.geometry.camera import Camera
 from multicam.types import FloatArray, ImageArray
 
+FIRM_MEAN, FIRM_VARIANCE = 2.0, 4.0
+"""Segments, and their square: a line shows the contour if its posterior lies so near and is so narrow. Where colours
+are the same on both sides its variance is 11.9, on a perfect line 0.5."""
+
 _ONLY = np.zeros(1, dtype=np.int64)
 
 
@@ -74,7 +78,8 @@ class Tracked:
         world_from_object: (4, 4).
         energy: of the last search's lines and points, before its last step.
         hessian: (6, 6) of it in the object's right tangent, without damping: what the pictures say of the pose.
-        lines, points: how many the last search found, over all sights; an object that is lost has few.
+        lines, points: how many the last search found, over all sights.
+        firm: lines of them on which colours show the contour, and about where it was; an object that is lost has few.
     """
 
     world_from_object: FloatArray
@@ -82,6 +87,7 @@ class Tracked:
     hessian: FloatArray
     lines: int
     points: int
+    firm: int
 
 
 def first_colors(
@@ -100,6 +106,14 @@ def updated_colors(
     return colors.blended(counts, config.learning_rate)
 
 
+def shows(
+    model: ViewpointModel, sight: Sight, colors: ColorModel, world_from_object: FloatArray, config: TrackingConfig
+) -> tuple[int, int]:
+    """How many lines a last search finds at a pose (4, 4), and on how many of them colours show the contour."""
+    found = _search(model, sight, colors, world_from_object, config.searches - 1, config)
+    return found.lines, found.firm
+
+
 def track(
     model: ViewpointModel,
     sights: Sequence[Sight],
@@ -115,10 +129,11 @@ def track(
         colors: of the object in each sight.
     """
     damping = np.diag([config.rotation_damping] * 3 + [config.translation_damping] * 3)
-    pose, energy, hessian, lines, points = world_from_object, 0.0, np.zeros((6, 6)), 0, 0
+    pose, energy, hessian, lines, points, firm = world_from_object, 0.0, np.zeros((6, 6)), 0, 0, 0
     for search in range(config.searches):
         found = [_search(model, each, known, pose, search, config) for each, known in zip(sights, colors, strict=True)]
         lines, points = sum(each.lines for each in found), sum(each.points for each in found)
+        firm = sum(each.firm for each in found)
         for update in range(config.updates):
             energy, gradient, hessian = 0.0, np.zeros(6), np.zeros((6, 6))
             for each in found:
@@ -128,7 +143,7 @@ def track(
                     gradient += terms.gradient[0]
                     hessian += terms.hessian[0]
             pose = se3.plus(pose, np.linalg.solve(hessian + damping, -gradient))
-    return Tracked(pose, energy, hessian, lines, points)
+    return Tracked(pose, energy, hessian, lines, points, firm)
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,6 +158,14 @@ class _Found:
     def lines(self) -> int:
         """How many lines."""
         return 0 if self.region is None else len(self.region.lines)
+
+    @property
+    def firm(self) -> int:
+        """How many lines show the contour about where it was."""
+        if self.region is None:
+            return 0
+        lines = self.region.lines
+        return int(np.count_nonzero((np.abs(lines["mean"]) < FIRM_MEAN) & (lines["variance"] < FIRM_VARIANCE)))
 
     @property
     def points(self) -> int:

@@ -12,7 +12,7 @@ from pathlib import Path
 from rich.console import Console
 
 from multicam import pipeline
-from multicam.adjuster import Adjuster
+from multicam.adjuster import Adjuster, load_bodies
 from multicam.config import parse_command, save_config
 from multicam.dataset.objects import Catalogue
 from multicam.dataset.results import read_results, write_results
@@ -21,6 +21,7 @@ from multicam.dataset.sequence import Recording, group_by_time, load_recording
 from multicam.errors import ConfigError, DataError, ModelError
 from multicam.evaluation.run_error import RunErrors
 from multicam.evaluation.tables import statements
+from multicam.follower import FollowConfig, Follower
 from multicam.inference.estimator import Estimator, EstimatorConfig
 from multicam.inference.session import Network, SessionConfig
 from multicam.pipeline import PipelineConfig
@@ -61,6 +62,8 @@ class RunConfig:
     """Where the network runs."""
     estimator: EstimatorConfig = field(default_factory=EstimatorConfig)
     """From pixels to object poses in one camera."""
+    follow: FollowConfig = field(default_factory=FollowConfig)
+    """Steps at which the network need not look."""
     pipeline: PipelineConfig = field(default_factory=PipelineConfig)
     """From object poses in all cameras to camera poses over time."""
 
@@ -117,8 +120,8 @@ def run_recording(
     watch: Watch | None = None,
 ) -> RunResult:
     """The part of `run` after the network has been opened; `estimate` is the network or stands in for it."""
-    adjuster = load_adjuster(recording, config.pipeline, progress)
-    steps, estimates = Steps(recording, estimate, catalogue, config, adjuster), _Collected(recording)
+    steps = Steps(recording, estimate, catalogue, config, *load_helpers(recording, config, progress))
+    estimates = _Collected(recording)
     interrupted = False
     done: list[StepResult] = []
     try:
@@ -163,6 +166,7 @@ class Steps:
         catalogue: Catalogue,
         config: RunConfig,
         adjuster: Adjuster | None,
+        follower: Follower | None,
     ) -> None:
         """Looks at the cameras.
 
@@ -181,7 +185,8 @@ class Steps:
         if self._count == 0:
             raise DataError(f"{recording.folder} holds no pictures: its sequence.json lists no frames.")
         self._recording, self._estimate = recording, estimate
-        self._catalogue, self._config, self._adjuster = catalogue, config, adjuster
+        self._catalogue, self._config = catalogue, config
+        self._adjuster, self._follower = adjuster, follower
 
     def __len__(self) -> int:
         return self._count
@@ -190,22 +195,43 @@ class Steps:
         statics = [c.camera_id for c in self._recording.cameras if not c.moving]
         graph = pipeline.start(self.headset, statics, self._config.pipeline)
         for frame_set in self._recording.frame_sets(self._tolerance_ns):
-            found, seconds = self._estimate(frame_set.frames)
+            frames = frame_set.frames
+            found, seconds, detected = self._look(frames)
             graph, result = pipeline.step(
                 graph, frame_set, found, self._catalogue, self._config.pipeline, self._adjuster
             )
-            yield result.with_seconds(**seconds), frame_set.frames, found
+            if self._follower is not None:
+                began = time.perf_counter()
+                self._follower.learn(frames, result, detected)
+                seconds["follow"] += time.perf_counter() - began
+            yield result.with_seconds(**seconds), frames, found
+
+    def _look(self, frames: Sequence[Frame]) -> tuple[list[tuple[ObjectEstimate, ...]], dict[str, float], bool]:
+        """The objects of each frame, the seconds it took by stage, and whether the network was asked."""
+        seconds: dict[str, float] = {}
+        if self._follower is not None:
+            began = time.perf_counter()
+            followed = self._follower.look(frames)
+            seconds["follow"] = time.perf_counter() - began
+            if followed is not None:
+                return followed, seconds, False
+        found, took = self._estimate(frames)
+        return found, took | seconds, True
 
 
-def load_adjuster(recording: Recording, config: PipelineConfig, progress: Progress) -> Adjuster | None:
-    """Bundle adjustment for a recording, or None where it is left out or no camera measures depth.
+def load_helpers(
+    recording: Recording, config: RunConfig, progress: Progress
+) -> tuple[Adjuster | None, Follower | None]:
+    """Bundle adjustment, unless it is left out or no camera measures depth; and what follows objects, if asked for.
 
     Raises:
         DataError: a mesh cannot be read, or the viewpoint models cannot be kept.
     """
-    if not config.bundle.enabled or not (config.bundle.without_depth or recording.measures_depth):
-        return None
-    return Adjuster.load(recording.catalogue, config.bundle, progress)
+    bundle = config.pipeline.bundle
+    adjusts = bundle.enabled and (bundle.without_depth or recording.measures_depth)
+    follows = config.follow.every > 1
+    bodies = load_bodies(recording.catalogue, bundle.viewpoints, progress) if adjusts or follows else {}
+    return Adjuster(bodies, bundle) if adjusts else None, Follower(bodies, config.follow) if follows else None
 
 
 class _Collected:

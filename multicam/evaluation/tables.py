@@ -55,12 +55,15 @@ def coverage_table(run: RunResult) -> Table:
 
 def time_table(run: RunResult) -> Table:
     """Milliseconds per step by stage."""
-    stages = list(run.steps[0].seconds)
+    stages = dict.fromkeys(stage for step in run.steps for stage in step.seconds)
     times = {stage: [1000 * step.seconds.get(stage, 0.0) for step in run.steps] for stage in stages}
     times["all"] = [1000 * sum(step.seconds.values()) for step in run.steps]
-    rows = tuple((stage, float(np.median(values)), float(np.percentile(values, 90))) for stage, values in times.items())
+    rows = tuple(
+        (stage, float(np.mean(values)), float(np.median(values)), float(np.percentile(values, 90)))
+        for stage, values in times.items()
+    )
     note = "All cameras of a step together; reading pictures from disk not included."
-    return Table("Time per step", (Column("stage"), Column("median ms"), Column("p90 ms")), rows, note)
+    return Table("Time per step", tuple(map(Column, ("stage", "mean ms", "median ms", "p90 ms"))), rows, note)
 
 
 def adjustment_table(errors: AdjustmentErrors) -> Table:

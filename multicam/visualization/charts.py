@@ -13,7 +13,7 @@ from multicam.evaluation.run_error import RunErrors
 from multicam.geometry import se3
 from multicam.types import FloatArray
 
-STAGE_COLORS = {"network": "#3b6fd4", "pnp": "#7aa5ee", "graph": "#2f9e57"}
+STAGE_COLORS = {"network": "#3b6fd4", "pnp": "#7aa5ee", "follow": "#7c3aed", "graph": "#2f9e57", "bundle": "#c2410c"}
 LINE_COLORS = ("#3b6fd4", "#c2410c", "#2f9e57", "#7c3aed", "#0f766e", "#be185d")
 
 
@@ -78,14 +78,17 @@ def time_chart(run: RunResult) -> bytes:
     figure, (axes,) = new_figure(1, (5.4, 2.6))
     index = np.arange(len(run.steps))
     below = np.zeros(len(run.steps))
+    taken = {stage for step in run.steps for stage in step.seconds}
     for stage, color in STAGE_COLORS.items():
+        if stage not in taken:
+            continue
         values = np.array([1000 * step.seconds.get(stage, 0.0) for step in run.steps])
         axes.bar(index, values, bottom=below, width=0.85, color=color, label=stage)
         below += values
     axes.set_xlabel("step", fontsize=8.5)
     axes.set_ylabel("ms", fontsize=8.5)
     axes.set_ylim(0, 1.35 * max(float(below.max()), 1.0))
-    axes.legend(fontsize=8, frameon=False, ncols=4, loc="upper center")
+    axes.legend(fontsize=8, frameon=False, ncols=5, loc="upper center")
     return to_svg(figure)
 
 
