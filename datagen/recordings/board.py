@@ -12,12 +12,12 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from datagen.scenes.layout import Table, block_of
 from datagen.scenes.primitives import mesh_of
 from datagen.scenes.spec import Solid, Surface
 from multicam.dataset.sequence_facts import Board
+from multicam.evaluation.charuco import charuco
 from multicam.files import write_bytes
 from multicam.geometry import se3, so3
 from multicam.types import FloatArray, ImageArray
@@ -28,9 +28,6 @@ _BORDER = 0.02
 _THICKNESS = 0.004
 _PIXEL = 1 / 3000
 """Edge of a pixel of the picture: squares, markers and their bits (1/6 of a marker) are whole pixels."""
-_WINDOW, _WIDEST_WINDOW = 0.1, 5
-"""Half the window in which a corner is refined: a share of the distance to the next corner, for farther away there are
-markers; and at most so many pixels."""
 _PAPER = Surface((0.8, 0.8, 0.8), roughness=0.9)
 _STAND = Surface((0.2, 0.2, 0.21), roughness=0.6)
 _STAND_SIZE = (0.05, 0.03)
@@ -71,12 +68,6 @@ class PlacedBoard:
         return np.concatenate([solid_cloud(solid) for solid in self.solids])
 
 
-def charuco(board: Board) -> cv2.aruco.CharucoBoard:
-    """The board as OpenCV knows it."""
-    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, board.dictionary))
-    return cv2.aruco.CharucoBoard((board.columns, board.rows), board.square, board.marker, dictionary)
-
-
 def board_picture() -> ImageArray:
     """(h, w) uint8 with the white border; the first square is at the upper left."""
     width, height = (round(edge / _PIXEL) for edge in _size())
@@ -88,25 +79,6 @@ def write_board(path: Path) -> None:
     done, data = cv2.imencode(".png", board_picture())
     assert done, "OpenCV can encode PNG"
     write_bytes(path, data.tobytes())
-
-
-def detect_corners(image: ImageArray) -> tuple[NDArray[np.int64], FloatArray]:
-    """Inner corners that OpenCV finds in an RGB picture: ids (n,) and pixels (n, 2), a pixel's centre being whole.
-
-    CharucoDetector's own pixels are half a pixel too far right and down in most releases (opencv issue 25539, fixed by
-    pull request 28380), so the corners are refined once more, which is right with any release.
-    """
-    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
-    found, ids, _, _ = cv2.aruco.CharucoDetector(charuco(BOARD)).detectBoard(grey)
-    if ids is None or len(ids) == 0:
-        return np.zeros(0, dtype=np.int64), np.zeros((0, 2))
-    corners = np.asarray(found, dtype=np.float32).reshape(-1, 1, 2)
-    gaps = np.linalg.norm(corners - corners.reshape(1, -1, 2), axis=2)
-    nearest = float(np.min(gaps[gaps > 0], initial=_WIDEST_WINDOW / _WINDOW))
-    window = int(np.clip(_WINDOW * nearest, 2, _WIDEST_WINDOW))
-    stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 50, 1e-3)
-    refined = cv2.cornerSubPix(grey, corners, (window, window), (-1, -1), stop)
-    return ids.reshape(-1).astype(np.int64), refined.reshape(-1, 2).astype(np.float64)
 
 
 def place_board(

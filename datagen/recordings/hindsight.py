@@ -6,12 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from datagen.recordings.board import detect_corners
+from datagen.recordings.board import BOARD
 from datagen.recordings.sight import Sight, View
 from datagen.recordings.stage import Stage
 from datagen.recordings.statics import BOARD_CORNERS
 from multicam.dataset.bop_reader import read_image, read_scene
 from multicam.errors import DataError
+from multicam.evaluation.charuco import detect_corners
 from multicam.geometry import se3
 from multicam.types import FloatArray
 
@@ -51,7 +52,7 @@ def scene_folder(folder: Path, scene_id: int) -> Path:
 def _count_corners(stage: Stage, shot: int, picture: Path) -> int:
     assert stage.board is not None
     taken = stage.scene.shots[shot]
-    ids, found = detect_corners(read_image(picture))
+    ids, found = detect_corners(read_image(picture), BOARD)
     # One or two corners at the border may be off; a board that is elsewhere is off at all of them.
     if len(ids) >= BOARD_CORNERS:
         points = se3.act(se3.inverse(taken.world_from_camera), stage.board.corners[ids])

@@ -27,6 +27,7 @@ from multicam.evaluation.single_view_tables import single_view_table
 from multicam.evaluation.split_error import evaluate_split
 from multicam.evaluation.tables import (
     adjustment_table,
+    board_table,
     camera_table,
     coverage_table,
     object_table,
@@ -127,6 +128,8 @@ def evaluate_recorded(
         "bundle": [] if errors.adjustment is None else [adjustment_table(errors.adjustment)],
         "network": [single_view_table(errors.single_view, catalogue)],
     }
+    if errors.board:
+        stages["graph"].insert(1, board_table(errors.board, run.headset))
     tables: Sequence[Table] = [table for part in stages.values() for table in part]
     save_report(output, "evaluation", tables)
     write_report(folder, run, recording, errors, progress)

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import combinations
 
 import numpy as np
 
-from multicam.dataset.bop_reader import ImageRecord
 from multicam.dataset.results import Estimates
-from multicam.dataset.runs import CameraResult, FrameIndex, RunResult, StepResult
+from multicam.dataset.runs import CameraResult, RunResult, StepResult
 from multicam.dataset.sequence import Recording
 from multicam.evaluation.assignment import assign_greedily
+from multicam.evaluation.board_error import BoardErrors, evaluate_board
 from multicam.evaluation.camera_error import CameraError, camera_error
 from multicam.evaluation.points import PointSets
-from multicam.evaluation.selection import ASKED
 from multicam.evaluation.single_view import ObjectErrors, evaluate_estimates
+from multicam.evaluation.truth import Truth
 from multicam.geometry import se3
 from multicam.progress import Progress
 from multicam.types import FloatArray
@@ -50,6 +50,7 @@ class RunErrors:
         objects: class to ADD(-S) errors (m) in the headset's frame over all steps; infinite for a missing object.
         single_view: class to the errors of the network's own estimates, picture by picture.
         adjustment: what bundle adjustment gained, or None if no step was adjusted.
+        board: static camera to its errors by the recording's ChArUco board; empty without a board.
     """
 
     cameras: dict[str, tuple[CameraError | None, ...]]
@@ -59,6 +60,7 @@ class RunErrors:
     objects: dict[int, tuple[float, ...]]
     single_view: dict[int, list[ObjectErrors]]
     adjustment: AdjustmentErrors | None = None
+    board: dict[str, BoardErrors] = field(default_factory=dict[str, BoardErrors])
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,40 +69,6 @@ class _Reference:
 
     found: CameraResult
     true_world_from_headset: FloatArray
-
-
-class Truth:
-    """True poses of a recording by camera and time stamp."""
-
-    def __init__(self, recording: Recording) -> None:
-        self._recording = recording
-        self._index = FrameIndex(recording)
-
-    def camera(self, camera_id: str, timestamp_ns: int) -> FloatArray:
-        """True world_from_camera of a picture.
-
-        Raises:
-            DataError: the recording has no such picture or no truth.
-        """
-        _, entry = self._index.find(camera_id, timestamp_ns)
-        return self._recording.truth_of(camera_id, entry.im_id)
-
-    def static(self, camera_id: str, timestamp_ns: int) -> FloatArray:
-        """True world_from_camera of a static camera at a time: that of its latest picture, for it may be bumped."""
-        frames = next(c for c in self._recording.cameras if c.camera_id == camera_id).frames
-        latest = next((e for e in reversed(frames) if e.timestamp_ns <= timestamp_ns), frames[0])
-        return self._recording.truth_of(camera_id, latest.im_id)
-
-    def record(self, camera_id: str, timestamp_ns: int) -> ImageRecord:
-        """The BOP record of a picture."""
-        _, entry = self._index.find(camera_id, timestamp_ns)
-        return self._recording.record(camera_id, entry.im_id)
-
-    def objects(self, camera_id: str, timestamp_ns: int) -> list[tuple[int, FloatArray]]:
-        """(class, true world_from_object) of what a picture shows well enough."""
-        record = self.record(camera_id, timestamp_ns)
-        world_from_camera = self.camera(camera_id, timestamp_ns)
-        return [(i.obj_id, world_from_camera @ i.camera_from_object) for i in record.instances if ASKED.takes(i)]
 
 
 def evaluate_run(run: RunResult, estimates: Estimates, recording: Recording, progress: Progress) -> RunErrors:
@@ -134,13 +102,15 @@ def evaluate_run(run: RunResult, estimates: Estimates, recording: Recording, pro
         for camera in step.cameras
         if camera.timestamp_ns is not None
     ]
+    by_camera = {name: tuple(errors) for name, errors in cameras.items()}
     return RunErrors(
-        {name: tuple(errors) for name, errors in cameras.items()},
+        by_camera,
         {pair: tuple(errors) for pair, errors in pairs.items()},
         *_headset_errors(run, truth),
         {obj_id: tuple(errors) for obj_id, errors in sorted(objects.items())},
         evaluate_estimates(estimates, pictures, points, progress),
         _adjustment_errors(run, truth, points),
+        evaluate_board(run, by_camera, recording, progress),
     )
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from multicam.dataset.objects import Catalogue
 from multicam.dataset.runs import RunResult
+from multicam.evaluation.board_error import BoardErrors
 from multicam.evaluation.camera_error import CameraError
 from multicam.evaluation.recall import auc_posecnn, median, recall
 from multicam.evaluation.report import Cell, Column, Table, mean_cell
@@ -85,6 +86,25 @@ def adjustment_table(errors: AdjustmentErrors) -> Table:
         tuple(rows),
         "Median errors in the headset's frame at the steps that were adjusted, without and with what the pictures "
         "show. halved, worse: share whose distance error is at most half as large, or larger.",
+    )
+
+
+def board_table(board: dict[str, BoardErrors], headset: str) -> Table:
+    """One row per static camera that was seen by a ChArUco board: medians by the board and of the run."""
+    rows: list[tuple[Cell, ...]] = []
+    for name, errors in board.items():
+        found = [error for error in errors.run if error is not None]
+        own = (median([e.centre_mm for e in found]), median([e.rotation_deg for e in found])) if found else (None, None)
+        by_board = median([e.centre_mm for e in errors.board]), median([e.rotation_deg for e in errors.board])
+        row = (f"{name} in {headset}", len(errors.board), *by_board, 100 * len(found) / len(errors.board), *own)
+        rows.append(row)
+    names = ("camera", "times", "board mm", "board deg", "run has pose %", "run mm", "run deg")
+    return Table(
+        "Beside the ChArUco board",
+        tuple(Column(name, d) for name, d in zip(names, (0, 0, 1, 2, 0, 1, 2), strict=True)),
+        tuple(rows),
+        "Median errors at the steps at which both cameras read the board: by the board in one picture of each, and of "
+        "this run, which does not look at the board.",
     )
 
 

@@ -15,16 +15,18 @@ from multicam.dataset.bop_reader import read_image
 from multicam.dataset.runs import CameraResult, RunResult, StepResult
 from multicam.dataset.sequence import Recording
 from multicam.errors import DataError
-from multicam.evaluation.run_error import RunErrors, Truth, run_from_true
+from multicam.evaluation.run_error import RunErrors, run_from_true
 from multicam.evaluation.single_view_tables import single_view_table
 from multicam.evaluation.tables import (
     adjustment_table,
+    board_table,
     camera_table,
     coverage_table,
     object_table,
     statements,
     time_table,
 )
+from multicam.evaluation.truth import Truth
 from multicam.files import write_bytes, write_text
 from multicam.progress import Progress
 from multicam.spread import spread
@@ -81,6 +83,7 @@ def write_page(
         "coverage_table": coverage_table(run),
         "time_table": time_table(run),
         "adjustment_table": adjustment_table(errors.adjustment) if errors and errors.adjustment else None,
+        "board_table": board_table(errors.board, run.headset) if errors and errors.board else None,
         "object_table": object_table(errors, catalogue) if errors else None,
         "single_view_table": single_view_table(errors.single_view, catalogue) if errors else None,
     }

@@ -16,8 +16,6 @@ from datagen.recordings.board import (
     BOARD,
     PlacedBoard,
     board_picture,
-    charuco,
-    detect_corners,
     place_board,
     write_board,
 )
@@ -25,6 +23,7 @@ from datagen.scenes.layout import Table
 from datagen.scenes.looks import plain_lamps
 from datagen.scenes.spec import SceneSpec, Shot, Solid, Surface, Surroundings
 from datagen.scenes.viewpoints import look_at
+from multicam.evaluation.charuco import board_pose, charuco, detect_corners
 from multicam.geometry import se3
 from multicam.geometry.camera import Camera
 from tests.close import assert_close
@@ -66,14 +65,14 @@ def test_the_picture_has_whole_squares_and_a_white_border() -> None:
 
 def test_corners_are_found_where_they_are_to_a_tenth_of_a_pixel() -> None:
     soft = cv2.GaussianBlur(board_picture(), (0, 0), 1.5)
-    ids, found = detect_corners(np.repeat(soft[:, :, None], 3, axis=2).astype(np.uint8))
+    ids, found = detect_corners(np.repeat(soft[:, :, None], 3, axis=2).astype(np.uint8), BOARD)
     assert sorted(ids) == list(range(12))
     # Half a pixel off, as OpenCV's own detector is in most releases, would fail.
     assert_close(found, in_picture(corner_points())[ids], 0.1)
 
 
 def test_nothing_is_found_where_no_board_is(rng: np.random.Generator) -> None:
-    ids, found = detect_corners(rng.integers(0, 255, (120, 160, 3), dtype=np.uint8))
+    ids, found = detect_corners(rng.integers(0, 255, (120, 160, 3), dtype=np.uint8), BOARD)
     assert ids.shape == (0,)
     assert found.shape == (0, 2)
 
@@ -133,10 +132,15 @@ def test_a_rendered_board_is_found_within_a_third_of_a_pixel(models: Path, tmp_p
     scene = SceneSpec("board", 1, (), (wood, *board.solids), plain_lamps(), Surroundings(1.0), tuple(shots))
     with BlenderRenderer(models, 8) as renderer:
         for shot, passes in zip(shots, renderer.render(scene, range(len(shots))), strict=True):
-            ids, found = detect_corners(develop(passes.color, shot, np.random.default_rng(0)))
+            photograph = develop(passes.color, shot, np.random.default_rng(0))
+            ids, found = detect_corners(photograph, BOARD)
             true = camera.project(se3.act(se3.inverse(shot.world_from_camera), board.corners[ids]))
             errors = np.linalg.norm(found - true, axis=1)
             assert len(ids) == 12
             assert errors.max() < 0.3
             # No convention is off by a part of a pixel: the errors are those of noise.
             assert np.linalg.norm((found - true).mean(axis=0)) < 0.1
+            pose = board_pose(photograph, camera, BOARD)
+            assert pose is not None
+            shift = se3.minus(pose, se3.inverse(shot.world_from_camera) @ board.world_from_board)
+            assert np.linalg.norm(shift[3:]) < 2e-3 and np.degrees(np.linalg.norm(shift[:3])) < 0.5
