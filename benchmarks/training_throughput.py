@@ -84,7 +84,7 @@ def compare(config: TrainConfig, pairs: int) -> list[str]:
         run = Run(config, group, SilentProgress())
         learner, plain, stage = Learner(run.detector, config), PlainRun(run), config.stages.third
         run.detector.train()
-        run.sampler.set_epoch(0, 0, warp=True)
+        run.sampler.set_epoch(0, 0, replace(stage, warp=True))
         batches = list(islice(training_loader(run.dataset, run.sampler, 0), 4))
         ours, theirs = [], []
         for i in range(pairs + 2):

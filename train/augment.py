@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from random import Random
 
 import albumentations as A
 import cv2
@@ -111,7 +112,8 @@ class Photometry:
 
     def __call__(self, image: ImageArray, rng: np.random.Generator) -> ImageArray:
         """(h, w, 3) uint8, same shape."""
-        self._compose.set_random_seed(int(rng.integers(2**31)))
+        # One generator for all changes; a seed would make one for each, which takes longer than the changes.
+        self._compose.set_random_state(rng, Random(int(rng.integers(2**31))))
         return self._compose(image=image)["image"]
 
 

@@ -64,12 +64,10 @@ class Cutting:
 
 def draw_cutting(picture: Picture, rng: np.random.Generator) -> Cutting | None:
     """An instance of the picture that is worth cutting out, if there is one."""
-    assert picture.instances is not None
-    shown = np.bincount(picture.instances.ravel(), minlength=256) > 0
     worth = [
         place
         for place, instance in enumerate(picture.record.instances)
-        if shown[place + 1] and (instance.visible_fraction is None or instance.visible_fraction >= LEAST_SEEN)
+        if picture.shown[place + 1] and (instance.visible_fraction is None or instance.visible_fraction >= LEAST_SEEN)
     ]
     return Cutting.of(picture, int(rng.choice(worth))) if worth else None
 

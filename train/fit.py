@@ -7,6 +7,7 @@ import time
 import warnings
 from collections import defaultdict
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import torch
@@ -130,7 +131,10 @@ class Run:
 
     def _epoch(self, learner: nn.Module, epoch: int, stop: StopSignal) -> None:
         stage, _ = self.config.stages.at(epoch)
-        self.sampler.set_epoch(epoch, self.state.step, stage.warp)
+        if epoch and self.state.step == 0 and self.config.stages.at(epoch - 1)[0].scale != stage.scale:
+            # Figures on pictures of another size are no match.
+            self.state = replace(self.state, best={})
+        self.sampler.set_epoch(epoch, self.state.step, stage)
         self.detector.train()
         loader = training_loader(self.dataset, self.sampler, self.config.workers)
         started, first = time.monotonic(), self.state.step
@@ -192,13 +196,15 @@ class Run:
 
     def _validate(self, epoch: int) -> bool:
         """Measures the averaged weights; whether they are the best so far."""
+        network = self.config.network.scaled(self.config.stages.at(epoch)[0].scale)
+        self.validation.size = network.input_width, network.input_height
         indices = _spread(len(self.validation), self.config.data.validation_limit)
         average = self.average.model
         predictions = predict(average, self.validation, self.config.batch_size, self.progress, indices)
         metrics = figures(predictions, self.objects)
         better = is_better(metrics, self.state.best)
         best = metrics if better else self.state.best
-        self.state = RunState(**{**vars(self.state), "metrics": metrics, "best": best})
+        self.state = replace(self.state, metrics=metrics, best=best)
         log.info("epoch %d: %s", epoch + 1, " ".join(f"{k} {v:.3f}" for k, v in metrics.items()))
         if self.board:
             step = (epoch + 1) * len(self.sampler)
@@ -207,7 +213,7 @@ class Run:
         return better
 
     def _moved(self, epoch: int, step: int) -> None:
-        self.state = RunState(**{**vars(self.state), "epoch": epoch, "step": step, "ema_updates": self.average.updates})
+        self.state = replace(self.state, epoch=epoch, step=step, ema_updates=self.average.updates)
 
     def _save(self, name: str) -> None:
         if self.group.leads:

@@ -17,7 +17,7 @@ from multicam.types import ImageArray
 from train.augment import Photometry, cutout, letterboxed, mosaic, warped
 from train.background import Backgrounds
 from train.collage import draw_cutting, pasted
-from train.config import AugmentConfig, NetworkConfig
+from train.config import AugmentConfig, NetworkConfig, StageConfig
 from train.samples import Labels, Picture, PictureStore, TrainedObject, make_labels
 
 
@@ -48,12 +48,12 @@ class Batch(NamedTuple):
         return Batch(*(t.to(device, non_blocking=True) for t in self))
 
 
-Place = tuple[int, int, bool]
-"""Epoch, index of the picture, whether to warp."""
+Place = tuple[int, int, StageConfig]
+"""Epoch, index of the picture, the stage that says how large it is and whether it is warped."""
 
 
 class TrainingSet(Dataset[tuple[ImageArray, Labels]]):
-    """Augmented pictures; the item (epoch, index, warp) is always the same."""
+    """Augmented pictures; the item (epoch, index, stage) is always the same."""
 
     def __init__(
         self,
@@ -65,7 +65,7 @@ class TrainingSet(Dataset[tuple[ImageArray, Labels]]):
         seed: int,
     ) -> None:
         self.store, self.augment, self.seed = store, augment, seed
-        self.size = network.training_size
+        self.network = network
         self.minimum_visible = minimum_visible
         self.label = partial(_label, objects, minimum_visible)
         self.photometry = Photometry(augment)
@@ -75,27 +75,28 @@ class TrainingSet(Dataset[tuple[ImageArray, Labels]]):
         return len(self.store)
 
     def __getitem__(self, place: Place) -> tuple[ImageArray, Labels]:
-        epoch, index, warp = place
+        epoch, index, stage = place
+        size, warp = self.network.scaled(stage.scale).training_size, stage.warp
         rng = np.random.default_rng((self.seed, epoch, index))
         picture = self._picture(index, rng)
         if warp and rng.uniform() < self.augment.mosaic:
             others = [self._picture(int(i), rng) for i in rng.integers(len(self.store), size=3)]
-            image, labels = mosaic([picture, *others], *self.size, self.augment, rng, self.label)
+            image, labels = mosaic([picture, *others], *size, self.augment, rng, self.label)
         elif warp and self.augment.pasted:
-            image, labels = self._collage(picture, rng)
+            image, labels = self._collage(picture, size, rng)
         elif warp:
-            image, labels = warped(picture, *self.size, self.augment, rng, self.label)
+            image, labels = warped(picture, *size, self.augment, rng, self.label)
         else:
-            image, labels = letterboxed(picture, *self.size, self.label)
+            image, labels = letterboxed(picture, *size, self.label)
         if warp and rng.uniform() < self.augment.cutout:
             donor = self.store[int(rng.integers(len(self.store)))].image
             image, labels = cutout(image, labels, donor, rng)
         return self.photometry(image, rng), labels
 
-    def _collage(self, picture: Picture, rng: np.random.Generator) -> tuple[ImageArray, Labels]:
+    def _collage(self, picture: Picture, size: tuple[int, int], rng: np.random.Generator) -> tuple[ImageArray, Labels]:
         donors = rng.integers(len(self.store), size=int(rng.integers(self.augment.pasted + 1)))
         cuttings = [cutting for i in donors if (cutting := draw_cutting(self.store[int(i)], rng))]
-        return pasted(picture, cuttings, *self.size, self.augment, rng, self.label, self.minimum_visible)
+        return pasted(picture, cuttings, *size, self.augment, rng, self.label, self.minimum_visible)
 
     def _picture(self, index: int, rng: np.random.Generator) -> Picture:
         picture = self.store[index]
@@ -104,6 +105,9 @@ class TrainingSet(Dataset[tuple[ImageArray, Labels]]):
 
 class ValidationSet(Dataset[tuple[ImageArray, Labels]]):
     """Pictures as the runtime sees them."""
+
+    size: tuple[int, int]
+    """Width and height of the pictures; a stage of smaller ones sets its own."""
 
     def __init__(
         self,
@@ -129,11 +133,11 @@ class EpochSampler(Sampler[list[Place]]):
     def __init__(self, count: int, batch_size: int, seed: int, rank: int = 0, processes: int = 1) -> None:
         self.count, self.batch_size, self.seed = count, batch_size, seed
         self.rank, self.processes = rank, processes
-        self._epoch, self._first, self._warp = 0, 0, True
+        self._epoch, self._first, self._stage = 0, 0, StageConfig(1, 1.0, 1.0)
 
-    def set_epoch(self, epoch: int, first_step: int, warp: bool) -> None:
-        """Chooses what the next iteration yields: an epoch from a step on."""
-        self._epoch, self._first, self._warp = epoch, first_step, warp
+    def set_epoch(self, epoch: int, first_step: int, stage: StageConfig) -> None:
+        """Chooses what the next iteration yields: an epoch of a stage from a step on."""
+        self._epoch, self._first, self._stage = epoch, first_step, stage
 
     def __len__(self) -> int:
         """Steps of a whole epoch; a last, smaller step is kept only when it is the only one."""
@@ -144,7 +148,7 @@ class EpochSampler(Sampler[list[Place]]):
         each = self.batch_size * self.processes
         for step in range(self._first, len(self)):
             mine = order[step * each : (step + 1) * each][self.rank :: self.processes]
-            yield [(self._epoch, int(index), self._warp) for index in mine]
+            yield [(self._epoch, int(index), self._stage) for index in mine]
 
 
 def training_loader(dataset: TrainingSet, sampler: EpochSampler, workers: int) -> DataLoader[Batch]:

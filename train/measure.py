@@ -154,7 +154,7 @@ def _rate(action: Any) -> float:
 def _batches(run: Run, stage: StageConfig) -> Iterator[Batch]:
     """Epoch after epoch of a stage, as the run loads them."""
     for epoch in count():
-        run.sampler.set_epoch(epoch, 0, stage.warp)
+        run.sampler.set_epoch(epoch, 0, stage)
         yield from training_loader(run.dataset, run.sampler, run.config.workers)
 
 

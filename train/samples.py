@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -61,6 +62,15 @@ class Picture:
     depth: NDArray[np.float32] | None
     instances: NDArray[np.uint8] | None = None
 
+    @cached_property
+    def shown(self) -> NDArray[np.bool_]:
+        """(256,) which numbers `instances` holds; False if it was not asked for."""
+        return (
+            np.zeros(256, np.bool_)
+            if self.instances is None
+            else np.bincount(self.instances.ravel(), minlength=256) > 0
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class Labels:
@@ -105,7 +115,8 @@ class TrainedObject:
 
     Attributes:
         index: label of the network.
-        keypoints: (K, 3); outline: (P, 3) points that bound every view; surface: (N, 3) samples; metres.
+        keypoints: (K, 3); outline: (P, 3) points that bound every view; surface: (N, 3) samples; metres. K, P and N are
+            the same for all objects.
     """
 
     index: int
@@ -153,11 +164,11 @@ def prepare_objects(catalogue: Catalogue, records: Sequence[ImageRecord]) -> dic
 
 
 def outline_points(vertices: FloatArray) -> FloatArray:
-    """The vertices that are extreme in one of many directions: enough for the box around any view."""
+    """The vertex that is extreme in each of many directions: enough for the box around any view."""
     index = np.arange(_OUTLINE_DIRECTIONS) + 0.5
     polar, turn = np.arccos(1 - 2 * index / _OUTLINE_DIRECTIONS), np.pi * (1 + 5**0.5) * index
     directions = np.stack((np.cos(turn) * np.sin(polar), np.sin(turn) * np.sin(polar), np.cos(polar)))
-    return vertices[np.unique(np.argmax(vertices @ directions, axis=0))]
+    return vertices[np.argmax(vertices @ directions, axis=0)]
 
 
 class PictureStore:
@@ -221,41 +232,42 @@ def make_labels(
     """Labels of a picture that the affine map `input_from_source` draws into a region of the network's input."""
     record = picture.record
     assert record.camera_matrix is not None
-    camera = input_from_source @ record.camera_matrix
-    upright, turn = split_roll(camera)
+    known = [objects[instance.obj_id] for instance in record.instances]
+    upright, turn = split_roll(input_from_source @ record.camera_matrix)
     source = Region(0, 0, picture.image.shape[1], picture.image.shape[0])
-    rows: list[Labels] = []
-    for obj_id in dict.fromkeys(instance.obj_id for instance in record.instances):
-        known, places = objects[obj_id], [i for i, one in enumerate(record.instances) if one.obj_id == obj_id]
-        same = [record.instances[i] for i in places]
-        # The warped picture is what an upright camera sees of the turned object; labels follow what is seen.
-        poses = turn @ np.stack([instance.camera_from_object for instance in same])
-        poses = known.canonical.canonical(poses)
-        in_source = se3.inverse(turn) @ poses
-        points = se3.act(poses, known.keypoints)
-        keypoints = project(upright, points)
-        boxes = _boxes(upright, se3.act(poses, known.outline))
-        source_boxes = _boxes(record.camera_matrix, se3.act(in_source, known.outline))
-        hidden = _hidden(picture.depth, record.camera_matrix, se3.act(in_source, known.keypoints))
-        seen = np.array([1.0 if i.visible_fraction is None else i.visible_fraction for i in same])
-        # The visible fraction of the record already counts what its own border cuts off.
-        seen *= np.minimum(region.share(boxes) / np.maximum(source.share(source_boxes), 1e-6), 1)
-        rows.append(
-            Labels(
-                classes=np.full(len(same), known.index),
-                boxes=boxes,
-                keypoints=keypoints,
-                visible=~hidden & region.contains(keypoints),
-                points=points,
-                cameras=np.repeat(upright[None], len(same), axis=0),
-                diameters=np.full(len(same), known.model.diameter),
-                poses=poses,
-                seen=seen,
-                ignored=seen < minimum_visible,
-                places=np.array(places),
-            )
-        )
-    return Labels.joined(rows)
+    # The warped picture is what an upright camera sees of the turned object; labels follow what is seen.
+    poses = _canonical(turn @ np.stack([instance.camera_from_object for instance in record.instances]), known)
+    in_source = se3.inverse(turn) @ poses
+    model, outline = np.stack([one.keypoints for one in known]), np.stack([one.outline for one in known])
+    points = se3.act(poses, model)
+    keypoints = project(upright, points)
+    boxes = _boxes(upright, se3.act(poses, outline))
+    source_boxes = _boxes(record.camera_matrix, se3.act(in_source, outline))
+    hidden = _hidden(picture.depth, record.camera_matrix, se3.act(in_source, model))
+    seen = np.array([1.0 if i.visible_fraction is None else i.visible_fraction for i in record.instances])
+    # The visible fraction of the record already counts what its own border cuts off.
+    seen *= np.minimum(region.share(boxes) / np.maximum(source.share(source_boxes), 1e-6), 1)
+    return Labels(
+        classes=np.array([one.index for one in known]),
+        boxes=boxes,
+        keypoints=keypoints,
+        visible=~hidden & region.contains(keypoints),
+        points=points,
+        cameras=np.repeat(upright[None], len(known), axis=0),
+        diameters=np.array([one.model.diameter for one in known]),
+        poses=poses,
+        seen=seen,
+        ignored=seen < minimum_visible,
+        places=np.arange(len(known)),
+    )
+
+
+def _canonical(poses: FloatArray, known: Sequence[TrainedObject]) -> FloatArray:
+    """The canonical ones among the poses equivalent to (G, 4, 4)."""
+    for one in {id(one): one for one in known if one.model.symmetries}.values():
+        rows = [row for row, other in enumerate(known) if other is one]
+        poses[rows] = one.canonical.canonical(poses[rows])
+    return poses
 
 
 def project(camera_matrix: FloatArray, points: FloatArray) -> FloatArray:
@@ -270,9 +282,9 @@ def split_roll(camera: FloatArray) -> tuple[FloatArray, FloatArray]:
     Returns:
         (3, 3) upright camera, (4, 4) turn about the camera's centre.
     """
-    from scipy.linalg import rq
-
-    upright, turn = rq(camera)
+    # QR of the transpose with its rows and columns in reverse.
+    turned, triangle = np.linalg.qr(camera[::-1].T)
+    upright, turn = triangle.T[::-1, ::-1], turned.T[::-1]
     signs = np.diag(np.sign(np.diag(upright)))
     return upright @ signs, se3.from_parts(signs @ turn, np.zeros(3))
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +33,9 @@ def detect_corners(image: ImageArray, board: Board) -> tuple[NDArray[np.int64], 
     pull request 28380), so the corners are refined once more, which is right with any release.
     """
     grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
-    found, ids, _, _ = cv2.aruco.CharucoDetector(charuco(board)).detectBoard(grey)
+    # OpenCV's types do not say that it returns None for nothing.
+    detector: Any = cv2.aruco.CharucoDetector(charuco(board))
+    found, ids, _, _ = detector.detectBoard(grey)
     if ids is None or len(ids) == 0:
         return np.zeros(0, dtype=np.int64), np.zeros((0, 2))
     corners = np.asarray(found, dtype=np.float32).reshape(-1, 1, 2)
