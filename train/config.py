@@ -268,3 +268,9 @@ class TrainConfig:
             raise ConfigError("ema_decay lies from 0 to below 1.")
         for stage in self.stages.all:
             self.network.scaled(stage.scale)
+        *_, last = (stage for stage in self.stages.all if stage.epochs)
+        if last.scale != 1:
+            raise ConfigError(
+                f"the last stage has a scale of {last.scale:g}; it must be 1, for the network will see pictures of its "
+                "own input size."
+            )

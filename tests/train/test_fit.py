@@ -1,6 +1,6 @@
 """What a training begins with."""
 
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,13 +9,12 @@ import torch
 from safetensors.torch import load_file
 
 from multicam.errors import ConfigError
-from multicam.files import write_json
 from multicam.progress import SilentProgress
 from tests.train.toy_pictures import write_toy_dataset
-from train.checkpoint import load_state
 from train.config import DataConfig, NetworkConfig, StageConfig, StagesConfig, TrainConfig
 from train.distributed import process_group
 from train.fit import Run, fit
+from train.validate import Prediction
 
 
 @pytest.fixture
@@ -61,36 +60,58 @@ def test_a_run_begins_with_the_weights_of_another_and_resumes_with_its_own(confi
     assert furthest(there, weights(third.output / "last")) < 1e-6
 
 
-def test_a_stage_of_smaller_pictures_trains_and_is_judged_on_them(config: TrainConfig) -> None:
+@pytest.fixture
+def larger(config: TrainConfig) -> TrainConfig:
+    """Two stages of pictures of 128x128, with validation after each."""
     data = replace(config.data, validation=config.data.train)
     network = replace(config.network, input_width=128, input_height=128)
-    small = replace(config.stages.first, scale=0.5)
-    config = replace(config, data=data, network=network, stages=replace(config.stages, first=small, second=small))
+    stages = replace(config.stages, third=config.stages.first)
+    return replace(config, data=data, network=network, stages=stages, validate_every=1)
+
+
+def with_first_scale(config: TrainConfig, scale: float) -> TrainConfig:
+    return replace(config, stages=replace(config.stages, first=replace(config.stages.first, scale=scale)))
+
+
+def test_a_stage_of_smaller_pictures_trains_on_them(larger: TrainConfig) -> None:
+    config = with_first_scale(larger, 0.5)
     with process_group(config.device) as group:
         run = Run(config, group, SilentProgress())
-    half, whole = (run.dataset[0, 0, replace(small, warp=False, scale=scale)] for scale in (0.5, 1.0))
+    half, whole = (run.dataset[0, 0, replace(config.stages.first, warp=False, scale=scale)] for scale in (0.5, 1.0))
     assert half[0].shape == (64, 64, 3) and whole[0].shape == (128, 128, 3)
     # Pixel centres are integers; above and below, the padding is of whole pixels.
     off = half[1].keypoints + 0.5 - (whole[1].keypoints + 0.5) / 2
     assert np.abs(off[..., 0]).max() < 1e-9 and np.abs(off[..., 1]).max() < 0.51
-    state = fit(replace(config, stages=replace(config.stages, third=replace(small, scale=1.0))))
+    state = fit(config)
     assert (state.input_width, state.input_height) == (128, 128)
 
 
-def test_figures_on_pictures_of_another_size_are_not_compared(config: TrainConfig) -> None:
-    data = replace(config.data, validation=config.data.train)
-    network = replace(config.network, input_width=128, input_height=128)
-    small = replace(config.stages.first, scale=0.5)
-    config = replace(config, data=data, network=network, stages=replace(config.stages, first=small), validate_every=1)
-    fit(config)
-    state = load_state(config.output / "last")
-    record = dict.fromkeys(state.best, 2.0)
-    # A record that nothing can beat, of pictures half the size.
-    write_json(config.output / "last" / "state.json", asdict(replace(state, best=record)))
-    fit(replace(config, resume=True, stages=replace(config.stages, second=replace(small, scale=0.5))))
-    assert load_state(config.output / "last").best == record
-    fit(replace(config, resume=True, stages=replace(config.stages, second=small, third=replace(small, scale=1.0))))
-    assert load_state(config.output / "last").best["recall"] <= 1
+def test_figures_on_pictures_of_another_size_are_not_compared(
+    larger: TrainConfig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    best: list[dict[str, float]] = []
+    sizes: list[tuple[int, ...]] = []
+
+    def compare(new: dict[str, float], so_far: dict[str, float]) -> bool:
+        best.append(so_far)
+        return True
+
+    def judge(predictions: list[Prediction], objects: object) -> dict[str, float]:
+        sizes.append(predictions[0].image.shape[:2])
+        return {"recall": float(len(sizes))}
+
+    monkeypatch.setattr("train.fit.is_better", compare)
+    monkeypatch.setattr("train.fit.figures", judge)
+    fit(with_first_scale(larger, 0.5))
+    assert sizes == [(64, 64), (128, 128)] and best == [{}, {}]
+    fit(replace(larger, output=larger.output.with_name("same")))
+    assert sizes[2:] == [(128, 128)] * 2 and best[2:] == [{}, {"recall": 3.0}]
+
+
+def test_the_last_stage_must_be_of_whole_pictures(larger: TrainConfig) -> None:
+    small = replace(larger.stages.third, scale=0.5)
+    with pytest.raises(ConfigError, match=r"the last stage has a scale of 0.5; it must be 1"):
+        replace(larger, stages=replace(larger.stages, third=small))
 
 
 def test_a_scale_that_the_network_cannot_take_is_refused() -> None:
