@@ -16,6 +16,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from bundle_rigs import VISIBLE, estimates_of
 from registration import machine
 from rich.console import Console
 from rich.table import Table
@@ -23,32 +24,26 @@ from rich.table import Table
 from multicam.commands.run import Estimate, RunConfig, Steps, load_helpers
 from multicam.dataset.sequence import Recording, load_recording
 from multicam.evaluation.camera_error import camera_error
+from multicam.evaluation.truth import Truth
 from multicam.follower import FollowConfig
 from multicam.geometry import se3
-from multicam.matching.noise import NoiseConfig, geometric_covariance
 from multicam.progress import RichProgress
 from multicam.types import Frame, ObjectEstimate
-
-VISIBLE = 0.3
-"""Least visible share of an object that is taken for detected."""
 
 
 def stand_in(recording: Recording) -> Estimate:
     """Answers in the place of a network: true poses with noise."""
-    images = {(c.camera_id, e.timestamp_ns): e.im_id for c in recording.cameras for e in c.frames}
-    rng = np.random.default_rng(0)
+    truth, rng = Truth(recording), np.random.default_rng(0)
 
     def estimate(frames: Sequence[Frame]) -> tuple[list[tuple[ObjectEstimate, ...]], dict[str, float]]:
         found: list[tuple[ObjectEstimate, ...]] = []
         for frame in frames:
-            record = recording.record(frame.camera_id, images[frame.camera_id, frame.timestamp_ns])
+            record = truth.record(frame.camera_id, frame.timestamp_ns)
             seen = [i for i in record.instances if (i.visible_fraction or 0) >= VISIBLE]
             corners = np.array([recording.catalogue[i.obj_id].box_corners() for i in seen]).reshape(-1, 8, 3)
             exact = np.array([i.camera_from_object for i in seen]).reshape(-1, 4, 4)
             focal = np.full(len(seen), frame.camera.matrix[0, 0])
-            covariance = geometric_covariance(exact, corners, focal, NoiseConfig())
-            noise = np.einsum("eij,ej->ei", np.linalg.cholesky(covariance), rng.normal(size=(len(seen), 6)))
-            poses = se3.plus(exact, noise)
+            poses, covariance = estimates_of(exact, corners, focal, rng)
             found.append(
                 tuple(
                     ObjectEstimate(i.obj_id, 0.9, pose, each)
@@ -75,10 +70,10 @@ def walk(recording: Recording, config: RunConfig) -> tuple[float, list[float], l
     asked: list[int] = []
     helpers = load_helpers(recording, config, RichProgress())
     steps = Steps(recording, counted(stand_in(recording), asked), recording.catalogue, config, *helpers)
-    images = {(c.camera_id, e.timestamp_ns): e.im_id for c in recording.cameras for e in c.frames}
+    known = Truth(recording)
     errors, times, missing = [], [], 0
     for result, frames, _ in steps:
-        truth = {f.camera_id: recording.truth_of(f.camera_id, images[f.camera_id, f.timestamp_ns]) for f in frames}
+        truth = {frame.camera_id: known.camera(frame.camera_id, frame.timestamp_ns) for frame in frames}
         headset = result.camera(steps.headset).world_from_camera
         times.append(1e3 * result.seconds.get("follow", 0.0))
         for name in truth.keys() - {steps.headset}:

@@ -190,9 +190,7 @@ def case_of(
     corners = np.array([recording.catalogue[classes[used[o]]].box_corners() for o in obj])
     focal = np.array([frame.camera.matrix[0, 0] for frame in moment.frames])[camera]
     exact = np.array([pose for _, _, pose in edges])
-    covariance = geometric_covariance(exact, corners, focal, NoiseConfig())
-    noise = np.einsum("eij,ej->ei", np.linalg.cholesky(covariance), rng.normal(size=(len(edges), 6)))
-    estimated = se3.plus(exact, noise)
+    estimated, covariance = estimates_of(exact, corners, focal, rng)
     pictures = [
         Picture(f.image, f.camera, None if f.depth is None else DepthImage(f.depth, f.camera, np.eye(4)))
         for f in moment.frames
@@ -215,6 +213,15 @@ def case_of(
     start = minimize(problem, State(world_from_camera, np.array(places)[used]), LevenbergConfig()).state
     cameras, objects = problem.covariances(start)
     return Case(replace(scene, camera_covariance=cameras, object_covariance=objects), start, world_from_camera)
+
+
+def estimates_of(
+    exact: FloatArray, corners: FloatArray, focal: FloatArray, rng: np.random.Generator
+) -> tuple[FloatArray, FloatArray]:
+    """True poses (n, 4, 4) with the noise of estimates that state none, and its covariances (n, 6, 6)."""
+    covariance = geometric_covariance(exact, corners, focal, NoiseConfig())
+    noise = np.einsum("eij,ej->ei", np.linalg.cholesky(covariance), rng.normal(size=(len(exact), 6)))
+    return se3.plus(exact, noise), covariance
 
 
 def near(a: FloatArray, b: FloatArray) -> bool:

@@ -22,8 +22,8 @@ SHIFT = np.array([0.01, 0.02, -0.01, 0.012, -0.01, 0.008])
 """Of the headset from step to step, radians and metres."""
 
 
-def follower(every: int = 100, **options: object) -> Follower:
-    return Follower(dict.fromkeys((1, 2, 3), body()), replace(FollowConfig(every=every), **options))
+def follower(every: int = 100) -> Follower:
+    return Follower(dict.fromkeys((1, 2, 3), body()), FollowConfig(every=every))
 
 
 def started(rng: np.random.Generator, with_follower: Follower) -> tuple[SceneGraph, StepResult]:

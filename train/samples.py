@@ -64,12 +64,9 @@ class Picture:
 
     @cached_property
     def shown(self) -> NDArray[np.bool_]:
-        """(256,) which numbers `instances` holds; False if it was not asked for."""
-        return (
-            np.zeros(256, np.bool_)
-            if self.instances is None
-            else np.bincount(self.instances.ravel(), minlength=256) > 0
-        )
+        """(256,) which numbers `instances` holds."""
+        assert self.instances is not None
+        return np.bincount(self.instances.ravel(), minlength=256) > 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -264,6 +261,7 @@ def make_labels(
 
 def _canonical(poses: FloatArray, known: Sequence[TrainedObject]) -> FloatArray:
     """The canonical ones among the poses equivalent to (G, 4, 4)."""
+    poses = poses.copy()
     for one in {id(one): one for one in known if one.model.symmetries}.values():
         rows = [row for row, other in enumerate(known) if other is one]
         poses[rows] = one.canonical.canonical(poses[rows])
