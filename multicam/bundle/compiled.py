@@ -8,6 +8,29 @@ import numpy as np
 from numba import njit
 
 from multicam.geometry import compiled
+from multicam.matching.cholesky import invert_all
+
+
+@njit(cache=True, error_model="numpy")
+def edge_poses(world_from_camera, world_from_object, camera, obj, out):
+    """See State.camera_from_object: writes (e, 4, 4)."""
+    inverse = np.empty((4, 4))
+    for e in range(len(camera)):
+        compiled.inverse(world_from_camera[camera[e]], inverse)
+        compiled.compose(inverse, world_from_object[obj[e]], out[e])
+
+
+@njit(cache=True, error_model="numpy")
+def move_cameras(world_from_camera, fixed, step, out):
+    """Writes the cameras (c, 4, 4), all but the fixed ones moved by the twists (f, 6) of a step."""
+    moved, twist = 0, np.empty((4, 4))
+    for c in range(len(fixed)):
+        if fixed[c]:
+            out[c] = world_from_camera[c]
+            continue
+        compiled.transform_exp(step[moved], twist)
+        compiled.compose(world_from_camera[c], twist, out[c])
+        moved += 1
 
 
 @njit(cache=True, error_model="numpy")
@@ -53,6 +76,37 @@ def add_edges(
                 coupling[o, c, i, j] -= w * mixed[i, j]
                 camera_hessian[c, i, j] += w * square[i, j]
                 camera_gradient[c, i] -= w * jacobian[j, i] * gradient[e, j]
+
+
+@njit(cache=True, error_model="numpy")
+def eliminate(camera_hessian, object_hessian, coupling, motion, damping, eliminated, pulled, schur):
+    """See NormalEquations._reduce; False if an object's block is not positive definite."""
+    objects, cameras = coupling.shape[0], coupling.shape[1]
+    damped, rows = object_hessian.copy(), np.empty((6 * objects, 6 * cameras))
+    for o in range(objects):
+        for i in range(6):
+            damped[o, i, i] *= 1 + damping
+            for c in range(cameras):
+                for j in range(6):
+                    rows[6 * o + i, 6 * c + j] = coupling[o, c, i, j]
+    if not invert_all(damped, eliminated, np.empty(objects)):
+        return False
+    for o in range(objects):
+        for i in range(6):
+            for j in range(6 * cameras):
+                total = 0.0
+                for k in range(6):
+                    total += eliminated[o, i, k] * rows[6 * o + k, j]
+                pulled[6 * o + i, j] = total
+    schur[:] = -np.dot(rows.T, pulled)
+    for c in range(cameras):
+        for i in range(6):
+            for j in range(6):
+                schur[6 * c + i, 6 * c + j] += camera_hessian[c, i, j]
+                for d in range(cameras):
+                    schur[6 * c + i, 6 * d + j] += motion[c, d, i, j]
+            schur[6 * c + i, 6 * c + i] += damping * camera_hessian[c, i, i]
+    return True
 
 
 @njit(cache=True, error_model="numpy")

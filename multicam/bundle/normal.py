@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from multicam.bundle.compiled import add_edges
+from multicam.bundle.compiled import add_edges, eliminate
 from multicam.bundle.factor import Linearization
 from multicam.bundle.odometry import PairLinearization
 from multicam.matching.arrays import BoolArray, IntArray
-from multicam.matching.linear import apply, congruent, inverse
+from multicam.matching.linear import apply, congruent, inverse, solve
 from multicam.types import FloatArray
 
 
@@ -65,33 +65,30 @@ class NormalEquations:
 
     def without(self, fixed: BoolArray) -> NormalEquations:
         """The system in which some cameras do not move."""
-        free = ~fixed
+        free = np.flatnonzero(~fixed)
         return NormalEquations(
-            self.camera_hessian[free], self.object_hessian, self.coupling[:, free],
-            self.motion[np.ix_(free, free)], self.camera_gradient[free], self.object_gradient,
+            self.camera_hessian[free], self.object_hessian, self.coupling.take(free, axis=1),
+            self.motion[free[:, None], free], self.camera_gradient[free], self.object_gradient,
         )  # fmt: skip
 
     def solve(self, damping: float) -> FloatArray:
         """Levenberg-Marquardt step (6 (c + o),), cameras first; the diagonal grows by the factor 1 + damping."""
-        eliminated, rows, schur = self._reduce(1 + damping * np.eye(6))
-        pulled = apply(eliminated, self.object_gradient)
-        right = np.einsum("oik,oi->k", rows, pulled) - self.camera_gradient.reshape(-1)
-        camera = inverse(schur) @ right
-        moved = rows @ camera + self.object_gradient
-        return np.concatenate((camera, -apply(eliminated, moved).reshape(-1)))
+        eliminated, pulled, schur = self._reduce(damping)
+        camera = solve(schur, self.object_gradient.reshape(-1) @ pulled - self.camera_gradient.reshape(-1))
+        follow = apply(eliminated, self.object_gradient).reshape(-1) + pulled @ camera
+        return np.concatenate((camera, -follow))
 
     def covariances(self) -> tuple[FloatArray, FloatArray]:
         """Marginal covariances of the cameras (c, 6, 6) and the objects (o, 6, 6)."""
-        eliminated, rows, schur = self._reduce(np.ones((6, 6)))
+        eliminated, pulled, schur = self._reduce()
         count = len(self.camera_hessian)
         joint = inverse(schur)
         camera = joint.reshape(count, 6, count, 6)[np.arange(count), :, np.arange(count), :]
-        gain = eliminated @ rows
-        return camera, eliminated + gain @ joint @ np.swapaxes(gain, -1, -2)
+        return camera, eliminated + congruent(pulled.reshape(len(eliminated), 6, 6 * count), joint)
 
     def joint_covariance(self) -> FloatArray:
         """(6 c, 6 c) covariance of all cameras together, the objects being free."""
-        return inverse(self._reduce(np.ones((6, 6)))[2])
+        return inverse(self._reduce()[2])
 
     def edge_covariances(self, camera: IntArray, obj: IntArray, jacobian: FloatArray) -> FloatArray:
         """Covariances (e, 6, 6) of xi_object + jacobian xi_camera for edges (e,), with all correlations.
@@ -100,20 +97,23 @@ class NormalEquations:
             camera, obj: (e,) indices of blocks.
             jacobian: (e, 6, 6).
         """
-        eliminated, rows, schur = self._reduce(np.ones((6, 6)))
+        eliminated, pulled, schur = self._reduce()
         # An object follows the cameras by -(H_oo)^-1 H_oc and varies by (H_oo)^-1 beside.
-        follow = -(eliminated @ rows)[obj]
+        follow = -pulled.reshape(len(eliminated), 6, len(schur))[obj]
         edges = np.arange(len(obj))
         follow.reshape(len(obj), 6, len(self.camera_hessian), 6)[edges, :, camera, :] += jacobian
         return eliminated[obj] + congruent(follow, inverse(schur))
 
-    def _reduce(self, scale: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Inverse object blocks (o, 6, 6), coupling rows (o, 6, 6 c) and the Schur complement (6 c, 6 c)."""
-        objects, count = self.coupling.shape[:2]
-        eliminated = inverse(self.object_hessian * scale)
-        rows = np.swapaxes(self.coupling, 1, 2).reshape(objects, 6, 6 * count)
-        schur = -np.einsum("oik,oil->kl", rows, eliminated @ rows)
-        blocks = schur.reshape(count, 6, count, 6)
-        blocks += np.swapaxes(self.motion, 1, 2)
-        blocks[np.arange(count), :, np.arange(count), :] += self.camera_hessian * scale
-        return eliminated, rows, schur
+    def _reduce(self, damping: float = 0.0) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Inverse object blocks (o, 6, 6), those times the coupling (6 o, 6 c), and the Schur complement (6 c, 6 c).
+
+        Raises:
+            numpy.linalg.LinAlgError: an object's block is not positive definite.
+        """
+        objects, cameras = self.coupling.shape[:2]
+        eliminated, pulled = np.empty((objects, 6, 6)), np.empty((6 * objects, 6 * cameras))
+        schur = np.empty((6 * cameras, 6 * cameras))
+        blocks = (self.camera_hessian, self.object_hessian, self.coupling, self.motion)
+        if not eliminate(*blocks, damping, eliminated, pulled, schur):
+            raise np.linalg.LinAlgError("the information about an object is not positive definite")
+        return eliminated, pulled, schur

@@ -12,11 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from multicam.bundle.compiled import edge_poses, move_cameras
 from multicam.bundle.factor import EdgeFactor, Linearization
 from multicam.bundle.normal import NormalEquations
 from multicam.bundle.odometry import OdometryFactor
 from multicam.geometry import se3
-from multicam.matching.arrays import BoolArray
+from multicam.matching.arrays import BoolArray, IntArray
 from multicam.types import FloatArray
 
 SCALE_ROUNDS = 30
@@ -32,6 +33,12 @@ class State:
 
     world_from_camera: FloatArray
     world_from_object: FloatArray
+
+    def camera_from_object(self, camera: IntArray, obj: IntArray) -> FloatArray:
+        """(e, 4, 4) poses of objects (e,) seen from cameras (e,)."""
+        poses = np.empty((len(camera), 4, 4))
+        edge_poses(self.world_from_camera, self.world_from_object, camera, obj, poses)
+        return poses
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,10 +71,10 @@ class Problem:
 
     def retract(self, state: State, step: FloatArray) -> State:
         """The state moved by a step (6 (f + o),) on the right."""
-        free, tangents = ~self.fixed, step.reshape(-1, 6)
-        cameras = state.world_from_camera.copy()
-        cameras[free] = se3.plus(cameras[free], tangents[: free.sum()])
-        return State(cameras, se3.plus(state.world_from_object, tangents[free.sum() :]))
+        tangents = step.reshape(-1, 6)
+        cameras, objects = np.empty_like(state.world_from_camera), state.world_from_object
+        move_cameras(state.world_from_camera, self.fixed, tangents, cameras)
+        return State(cameras, se3.plus(objects, tangents[len(tangents) - len(objects) :]))
 
     def noise_scale(self, state: State) -> float:
         """How much larger the variances of the edges are than stated, by their residuals at a minimum; at least 1.
@@ -144,7 +151,6 @@ class Problem:
 
     def _edges(self, state: State) -> Iterator[tuple[EdgeFactor, FloatArray, Linearization]]:
         """Each factor with the poses camera_from_object of its edges and its energy there."""
-        camera_from_world = se3.inverse(state.world_from_camera)
         for factor in self.factors:
-            pose = camera_from_world[factor.camera] @ state.world_from_object[factor.object]
+            pose = state.camera_from_object(factor.camera, factor.object)
             yield factor, pose, factor.linearize(pose)

@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from multicam.matching.compare import greatest
-
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
@@ -21,10 +19,3 @@ def ragged(start: IntArray, count: IntArray) -> tuple[IntArray, IntArray]:
 def rank_in_group(group: IntArray) -> IntArray:
     """Position of each element within its group; `group` ascends."""
     return np.arange(len(group)) - np.searchsorted(group, group)
-
-
-def is_best(slot: IntArray, value: NDArray[np.float64]) -> BoolArray:
-    """Whether an element has the greatest value of all elements in its slot; exactly one per slot."""
-    winner = np.full(slot.max(initial=-1) + 1, -1, dtype=np.int64)
-    greatest(slot, value, winner)
-    return winner[slot] == np.arange(len(slot))

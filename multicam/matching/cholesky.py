@@ -1,6 +1,6 @@
 # pyright: basic, reportUntypedFunctionDecorator=false
 # Numba ships no types; linear, which wraps this kernel, is strict.
-"""Inverses of many small positive definite matrices, compiled."""
+"""Small positive definite matrices, compiled: inverses of many, solution of one system."""
 
 from __future__ import annotations
 
@@ -11,24 +11,33 @@ from numba import njit
 
 
 @njit(cache=True, error_model="numpy")
+def decompose(matrix, lower):
+    """Writes the Cholesky factor (n, n) of a matrix (n, n); its log determinant, NaN if it is not positive definite."""
+    determinant = 0.0
+    for j in range(len(matrix)):
+        for i in range(j, len(matrix)):
+            total = matrix[i, j]
+            for k in range(j):
+                total -= lower[i, k] * lower[j, k]
+            if i > j:
+                lower[i, j] = total / lower[j, j]
+            elif total > 0:
+                lower[j, j] = math.sqrt(total)
+                determinant += math.log(total)
+            else:
+                return math.nan
+    return determinant
+
+
+@njit(cache=True, error_model="numpy")
 def invert_all(matrices, inverses, log_determinants):
     """Writes the inverses (m, n, n) and log determinants (m,) of matrices (m, n, n); False if one has none."""
     n = matrices.shape[1]
     lower, whitening = np.zeros((n, n)), np.zeros((n, n))
     for m in range(len(matrices)):
-        matrix, determinant = matrices[m], 0.0
-        for j in range(n):
-            for i in range(j, n):
-                total = matrix[i, j]
-                for k in range(j):
-                    total -= lower[i, k] * lower[j, k]
-                if i == j:
-                    if not total > 0:
-                        return False
-                    lower[j, j] = math.sqrt(total)
-                    determinant += math.log(total)
-                else:
-                    lower[i, j] = total / lower[j, j]
+        log_determinants[m] = decompose(matrices[m], lower)
+        if math.isnan(log_determinants[m]):
+            return False
         # Rows of the inverse of the triangle, then its Gram matrix.
         for i in range(n):
             for j in range(i):
@@ -43,5 +52,24 @@ def invert_all(matrices, inverses, log_determinants):
                 for k in range(i, n):
                     total += whitening[k, i] * whitening[k, j]
                 inverses[m, i, j] = inverses[m, j, i] = total
-        log_determinants[m] = determinant
+    return True
+
+
+@njit(cache=True, error_model="numpy")
+def solve_one(matrix, right, solution):
+    """Writes the solution (n,) of matrix (n, n) @ solution = right (n,); False if there is none."""
+    n = len(matrix)
+    lower = np.zeros((n, n))
+    if math.isnan(decompose(matrix, lower)):
+        return False
+    for i in range(n):
+        total = right[i]
+        for k in range(i):
+            total -= lower[i, k] * solution[k]
+        solution[i] = total / lower[i, i]
+    for i in range(n - 1, -1, -1):
+        total = solution[i]
+        for k in range(i + 1, n):
+            total -= lower[k, i] * solution[k]
+        solution[i] = total / lower[i, i]
     return True

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from multicam.geometry import se3
-from multicam.matching.arrays import BoolArray, IntArray, is_best, rank_in_group
-from multicam.matching.compare import accumulate
+from multicam.matching.arrays import BoolArray, IntArray, rank_in_group
+from multicam.matching.compare import accumulate, one_to_one
 from multicam.matching.hypotheses import Hypotheses, Measurements
 from multicam.matching.likelihood import LikelihoodConfig
 from multicam.matching.linear import apply, inverse, invert, squared_norm
@@ -156,9 +156,9 @@ class _Round:
 
 def _one_to_one(owner: IntArray, measurements: Measurements, member: IntArray, gain: FloatArray) -> BoolArray:
     """Pairings that are the best both of their reference object and of their query object, per hypothesis."""
-    reference, query = measurements.reference[member], measurements.query[member]
-    by_reference = is_best(owner * (reference.max(initial=0) + 1) + reference, gain)
-    return by_reference & is_best(owner * (query.max(initial=0) + 1) + query, gain)
+    best = np.empty(len(owner), dtype=np.bool_)
+    one_to_one(owner, measurements.reference[member], measurements.query[member], gain, best)
+    return best
 
 
 def _best(link: IntArray, evidence: FloatArray) -> IntArray:

@@ -14,8 +14,8 @@ import numpy as np
 
 from multicam.geometry import se3
 from multicam.matching.arrays import BoolArray, IntArray, ragged, rank_in_group
-from multicam.matching.compare import difference_all, near_differences
-from multicam.matching.linear import apply, congruent, inverse, invert
+from multicam.matching.compare import difference_all, near_differences, pair_up, relative_poses
+from multicam.matching.linear import apply, inverse, invert
 from multicam.matching.observations import PosedObjects
 from multicam.matching.symmetry import SymmetryTable
 from multicam.types import FloatArray
@@ -110,22 +110,18 @@ def measure(
     Args:
         allowed: (reference, query) which objects may be compared, such as those of different views.
     """
-    a, b = np.nonzero(allowed & (reference.obj_id[:, None] == query.obj_id[None, :]))
-    # Frames ascend, so sorting the pairs by both frames sorts them by link.
-    order = np.lexsort((query.frame[b], reference.frame[a]))
-    a, b = a[order], b[order]
-    pair_of_frames = np.stack((reference.frame[a], query.frame[b]), axis=1)
-    is_next = np.any(np.diff(pair_of_frames, axis=0, prepend=pair_of_frames[:1]) != 0, axis=1)
-    link = np.cumsum(is_next)
-    frames = pair_of_frames[np.flatnonzero(rank_in_group(link) == 0)]
+    a, b, link, rivals = pair_up(reference.frame, reference.obj_id, query.frame, query.obj_id, allowed)
+    first_of_link = np.flatnonzero(rank_in_group(link) == 0)
+    frames = np.stack((reference.frame[a[first_of_link]], query.frame[b[first_of_link]]), axis=1)
     row = symmetries.rows(query.obj_id[b])
-    rivals = np.maximum(_size_of_group(link * len(query) + b), _size_of_group(link * len(reference) + a))
     log_prior = np.log(reference.score[a] * query.score[b] / (rivals * symmetries.count[row]))
     pair, symmetry = ragged(symmetries.start[row], symmetries.count[row])
     a, b, row = a[pair], b[pair], row[pair]
-    query_from_twin = query.frame_from_object[b] @ se3.inverse(symmetries.transforms[symmetry])
-    move_a, move_b = se3.adjoint(query_from_twin), se3.adjoint(query.frame_from_object[b])
-    covariance = congruent(move_a, reference.covariance[a]) + congruent(move_b, query.covariance[b])
+    pose, covariance, move = np.empty((len(a), 4, 4)), np.empty((len(a), 6, 6)), np.empty((len(a), 6, 6))
+    relative_poses(
+        a, b, symmetry, reference.frame_from_object, reference.covariance, query.frame_from_object, query.covariance,
+        symmetries.transforms, pose, covariance, move,
+    )  # fmt: skip
     information, determinant = invert(covariance)
     return Measurements(
         frames=frames,
@@ -133,11 +129,11 @@ def measure(
         reference=a,
         query=b,
         variant=symmetry - symmetries.start[row],
-        pose=reference.frame_from_object[a] @ se3.inverse(query_from_twin),
+        pose=pose,
         covariance=covariance,
         information=information,
         log_determinant=determinant,
-        axis=apply(move_a, symmetries.axis[row]),
+        axis=apply(move, symmetries.axis[row]),
         log_prior=log_prior[pair],
     )
 
@@ -197,8 +193,3 @@ def _across(vector: FloatArray, direction: FloatArray) -> tuple[FloatArray, Floa
     """Part of vectors (n, 3) across unit directions (n, 3), and the coordinate (n,) along them."""
     along = np.sum(vector * direction, axis=-1)
     return vector - along[:, None] * direction, along
-
-
-def _size_of_group(code: IntArray) -> IntArray:
-    """How many elements share each element's code."""
-    return np.bincount(code)[code]

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.linalg import cho_factor, cho_solve
 from scipy.special import gammainc
 
-from multicam.matching.cholesky import invert_all
+from multicam.matching.cholesky import invert_all, solve_one
 from multicam.types import FloatArray
 
 LARGE = 24
@@ -41,6 +42,20 @@ def _invert_large(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
 def inverse(matrix: FloatArray) -> FloatArray:
     """Inverses of symmetric positive definite matrices (..., n, n)."""
     return invert(matrix)[0]
+
+
+def solve(matrix: FloatArray, right: FloatArray) -> FloatArray:
+    """Solution x (n,) of A x = b for one symmetric positive definite matrix A (n, n) and b (n,).
+
+    Raises:
+        numpy.linalg.LinAlgError: the matrix is not positive definite.
+    """
+    if len(matrix) > LARGE:
+        return cho_solve(cho_factor(matrix, lower=True), right)
+    solution = np.empty(len(right))
+    if not solve_one(matrix, right, solution):
+        raise np.linalg.LinAlgError("matrix is not positive definite")
+    return solution
 
 
 def apply(matrix: FloatArray, vector: FloatArray) -> FloatArray:

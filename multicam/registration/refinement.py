@@ -118,7 +118,7 @@ def _inflation(refinement: Refinement, state: State) -> FloatArray | None:
     if refinement.kinship == 1:
         return None
     camera, obj = refinement.edges.camera, refinement.edges.object
-    pose = se3.inverse(state.world_from_camera)[camera] @ state.world_from_object[obj]
+    pose = state.camera_from_object(camera, obj)
     widened = np.ones((len(state.world_from_camera), len(state.world_from_object)))
     widened[camera, obj] = inflation(refinement.kinship, count_alike(pose, refinement.centre[obj], obj))
     return widened

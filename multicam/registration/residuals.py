@@ -54,7 +54,7 @@ class Residuals:
         factor = pose_factor(group, found.tracks, found.edges)
         state = State(found.placement.world_from_camera, found.world_from_object)
         problem = Problem((factor,), np.arange(len(state.world_from_camera)) == 0)
-        pose = se3.inverse(state.world_from_camera)[factor.camera] @ state.world_from_object[factor.object]
+        pose = state.camera_from_object(factor.camera, factor.object)
         obj_id = group.estimates.obj_id[found.tracks.estimate[found.edges.track]]
         centre = found.centre[factor.object]
         axes, factors = viewing_axes(pose, centre), noise.factors(obj_id)

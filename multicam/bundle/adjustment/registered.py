@@ -58,7 +58,7 @@ def scene_of(
     estimates = observe(views, catalogue, noise.stated, noise.learned)
     first = {view.view_id: int(np.searchsorted(estimates.frame, n)) for n, view in enumerate(views)}
     chosen = estimates[np.array([first[view_id] + index for _, _, view_id, index in edges], dtype=np.int64)]
-    at = se3.inverse(state.world_from_camera)[camera] @ state.world_from_object[obj]
+    at = state.camera_from_object(camera, obj)
     twin, covariance = _twins(chosen.frame_from_object, chosen.covariance, at, chosen.obj_id.tolist(), catalogue)
     kinship = 1.0 if noise.learned is None else noise.learned.kinship
     scene = Scene(

@@ -31,7 +31,7 @@ DRAWN = 0.5
 
 def edge_poses(scene: Scene, state: State) -> FloatArray:
     """(e, 4, 4) camera_from_object of the edges."""
-    return se3.inverse(state.world_from_camera)[scene.camera] @ state.world_from_object[scene.object]
+    return state.camera_from_object(scene.camera, scene.object)
 
 
 def find_occluders(scene: Scene, state: State, config: AdjustmentConfig) -> list[Occluders]:
