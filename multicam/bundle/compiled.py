@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 
 from multicam.geometry import compiled
-from multicam.matching.cholesky import invert_all
+from multicam.matching.linear_compiled import invert_all, product
 
 
 @njit(cache=True, error_model="numpy")
@@ -107,14 +107,3 @@ def eliminate(camera_hessian, object_hessian, coupling, motion, damping, elimina
                     schur[6 * c + i, 6 * d + j] += motion[c, d, i, j]
             schur[6 * c + i, 6 * c + i] += damping * camera_hessian[c, i, i]
     return True
-
-
-@njit(cache=True, error_model="numpy")
-def product(a, b, out):
-    """Product of two matrices (6, 6); BLAS would take longer to call than to work."""
-    for i in range(6):
-        for j in range(6):
-            total = 0.0
-            for k in range(6):
-                total += a[i, k] * b[k, j]
-            out[i, j] = total

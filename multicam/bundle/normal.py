@@ -65,7 +65,7 @@ class NormalEquations:
 
     def without(self, fixed: BoolArray) -> NormalEquations:
         """The system in which some cameras do not move."""
-        free = np.flatnonzero(~fixed)
+        (free,) = (~fixed).nonzero()
         return NormalEquations(
             self.camera_hessian[free], self.object_hessian, self.coupling.take(free, axis=1),
             self.motion[free[:, None], free], self.camera_gradient[free], self.object_gradient,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -56,17 +57,25 @@ class ObjectModel:
                 )
 
     def box_corners(self) -> FloatArray:
-        """(8, 3) corners of the box, or of a cube of the same diameter where no box is known; metres."""
+        """(8, 3) corners of the box, or of a cube of the same diameter where no box is known; metres; read-only."""
+        return self._corners
+
+    def box_centre(self) -> FloatArray:
+        """(3,) middle of that box; metres; read-only."""
+        return self._centre
+
+    @cached_property
+    def _corners(self) -> FloatArray:
         if self.box is None:
             half = self.diameter / 2 / np.sqrt(3)
             box = np.array([[-half] * 3, [half] * 3])
         else:
             box = self.box
-        return np.where(_UPPER, box[1], box[0])
+        return _read_only(np.where(_UPPER, box[1], box[0]))
 
-    def box_centre(self) -> FloatArray:
-        """(3,) middle of that box; metres."""
-        return self.box_corners().mean(axis=0)
+    @cached_property
+    def _centre(self) -> FloatArray:
+        return _read_only(self._corners.mean(axis=0))
 
     def load_mesh(self) -> Mesh:
         """Loads the mesh in metres.
@@ -143,6 +152,11 @@ def load_catalogue(folder: Path) -> Catalogue:
     if unknown:
         raise DataError(f"{keypoint_path}/keypoints.json names unknown classes {sorted(unknown)}.")
     return Catalogue(objects)
+
+
+def _read_only(values: FloatArray) -> FloatArray:
+    values.flags.writeable = False
+    return values
 
 
 def _read_object(obj_id: int, row: Any, keypoints: Any, mesh_folder: Path) -> ObjectModel:

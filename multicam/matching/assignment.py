@@ -9,12 +9,16 @@ from scipy.optimize import linear_sum_assignment
 
 from multicam.geometry import se3
 from multicam.matching.arrays import IntArray
+from multicam.matching.compare import fuse
 from multicam.matching.hypotheses import measure
 from multicam.matching.likelihood import LikelihoodConfig
-from multicam.matching.linear import apply, congruent, inverse, invert, squared_norm
+from multicam.matching.linear import congruent, invert, squared_norm
 from multicam.matching.observations import PosedObjects
 from multicam.matching.symmetry import SymmetryTable
 from multicam.types import FloatArray
+
+ANY_TURN = np.pi
+"""Attitudes of a placed camera are compared whatever turn lies between them."""
 
 SAME_TWIN = 0.05
 """Radians between two twins that count as the same symmetry; a turn about an axis changes a little in each round."""
@@ -112,15 +116,15 @@ def recognise(
     pairs = measure(fused, seen, np.ones((len(fused), len(seen)), dtype=np.bool_), symmetries)
     if not len(pairs):
         return strangers
-    everything = np.arange(len(pairs))
-    residual = se3.log(pairs.difference(everything, np.broadcast_to(world_from_camera, pairs.pose.shape)))
-    information, determinant = invert(pairs.covariance + covariance)
-    gain = likelihood.log_ratio(squared_norm(residual, information), determinant) + pairs.log_prior
+    _, member, residual = pairs.near(np.zeros(1, dtype=np.int64), world_from_camera[None], ANY_TURN)
+    information, determinant = invert(pairs.covariance[member] + covariance)
+    gain = likelihood.log_ratio(squared_norm(residual, information), determinant) + pairs.log_prior[member]
     order = np.argsort(gain, kind="stable")
     # Of the symmetric variants of a pair the last assignment stays, which has the greatest gain.
-    gains, members = np.zeros((len(fused), len(seen))), np.zeros((len(fused), len(seen)), dtype=np.int64)
-    gains[pairs.reference[order], pairs.query[order]] = np.maximum(gain[order], 0)
-    members[pairs.reference[order], pairs.query[order]] = order
+    gains, best = np.zeros((len(fused), len(seen))), np.zeros((len(fused), len(seen)), dtype=np.int64)
+    pair = pairs.reference[member[order]], pairs.query[member[order]]
+    gains[pair] = np.maximum(gain[order], 0)
+    best[pair] = order
     row, column = linear_sum_assignment(gains, maximize=True)
     useful = gains[row, column] > 0
     row, column = row[useful], column[useful]
@@ -129,7 +133,7 @@ def recognise(
     identity = len(fused) + np.cumsum(is_new) - 1
     identity[column] = row
     twin = seen.frame_from_object.copy()
-    turned = world_from_camera @ se3.exp(residual[members[row, column]])
+    turned = world_from_camera @ se3.exp(residual[best[row, column]])
     twin[column] = se3.inverse(turned) @ fused.frame_from_object[row]
     return identity, twin
 
@@ -139,10 +143,8 @@ def _fuse(fused: PosedObjects, seen: PosedObjects, identity: IntArray) -> PosedO
     known = identity < len(fused)
     row, again, new = identity[known], seen[known], seen[~known]
     pose, covariance, score = fused.frame_from_object.copy(), fused.covariance.copy(), fused.score.copy()
-    gain = covariance[row] @ inverse(covariance[row] + again.covariance)
-    innovation = se3.minus(again.frame_from_object, pose[row])
-    pose[row] = se3.plus(pose[row], apply(gain, innovation))
-    covariance[row] -= gain @ covariance[row]
+    if not fuse(pose, covariance, row, again.frame_from_object, again.covariance):
+        raise np.linalg.LinAlgError("the covariance of an object is not positive definite")
     score[row] = 1 - (1 - score[row]) * (1 - again.score)
     return PosedObjects(
         np.concatenate((fused.frame, new.frame)),

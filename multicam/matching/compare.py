@@ -10,6 +10,7 @@ import numpy as np
 from numba import njit
 
 from multicam.geometry import compiled
+from multicam.matching.linear_compiled import add_congruent, invert_all, product
 
 
 @njit(cache=True, error_model="numpy")
@@ -46,13 +47,6 @@ def difference(pose, measured, axis, out):
 
 
 @njit(cache=True, error_model="numpy")
-def difference_all(pose, measured, axis, out):
-    """Of poses (n, 4, 4), measurements (n, 4, 4) and axes (n, 6)."""
-    for n in range(len(pose)):
-        difference(pose[n], measured[n], axis[n], out[n])
-
-
-@njit(cache=True, error_model="numpy")
 def near_differences(pose, start, stop, measured, axis, least_trace, owner, member, residual):
     """Logarithms (n, 6) of the differences of each pose (h, 4, 4) to the measurements start[h] to stop[h].
 
@@ -79,10 +73,47 @@ def near_differences(pose, start, stop, measured, axis, least_trace, owner, memb
 
 
 @njit(cache=True, error_model="numpy")
-def accumulate(owner, values, out):
-    """Adds values (n, ...) to the rows (h, ...) of their owners."""
-    for n in range(len(owner)):
-        out[owner[n]] += values[n]
+def squared_norms(residual, information, member, out):
+    """Writes r' A r (n,) of residuals (n, 6) and the matrices (m, 6, 6) of their members (n,)."""
+    for n in range(len(residual)):
+        total, matrix = 0.0, information[member[n]]
+        for i in range(6):
+            for j in range(6):
+                total += residual[n, i] * matrix[i, j] * residual[n, j]
+        out[n] = total
+
+
+@njit(cache=True, error_model="numpy")
+def refit(pose, owner, residual, weight, information, member, moved, covariance, log_determinant):
+    """Takes each pose (h, 4, 4) to the weighted mean of what its residuals (n, 6) say; owners ascend.
+
+    Writes the poses (h, 4, 4), their covariances (h, 6, 6) and the log determinants (h,) of their information. A pose
+    without residuals stays where it is, with unit information. False if an information is not positive definite.
+    """
+    normal, right, shift = np.empty((1, 6, 6)), np.empty(6), np.empty(6)
+    step, n = np.empty((4, 4)), 0
+    for h in range(len(pose)):
+        normal[:], right[:] = 0, 0
+        first = n
+        while n < len(owner) and owner[n] == h:
+            matrix = information[member[n]]
+            for i in range(6):
+                for j in range(6):
+                    normal[0, i, j] += weight[n] * matrix[i, j]
+                    right[i] += weight[n] * matrix[i, j] * residual[n, j]
+            n += 1
+        if n == first:
+            for i in range(6):
+                normal[0, i, i] = 1
+        if not invert_all(normal, covariance[h : h + 1], log_determinant[h : h + 1]):
+            return False
+        for i in range(6):
+            shift[i] = 0
+            for j in range(6):
+                shift[i] += covariance[h, i, j] * right[j]
+        compiled.transform_exp(shift, step)
+        compiled.compose(pose[h], step, moved[h])
+    return True
 
 
 @njit(cache=True, error_model="numpy")
@@ -179,15 +210,30 @@ def relative_poses(
 
 
 @njit(cache=True, error_model="numpy")
-def add_congruent(matrix, covariance, out):
-    """Adds M C M' of matrices (n, n)."""
-    n = len(matrix)
-    half = np.zeros((n, n))
-    for i in range(n):
-        for k in range(n):
-            for j in range(n):
-                half[i, j] += matrix[i, k] * covariance[k, j]
-    for i in range(n):
-        for j in range(n):
-            for k in range(n):
-                out[i, j] += half[i, k] * matrix[j, k]
+def fuse(pose, covariance, row, measured, noise):
+    """Moves some of the poses (o, 4, 4) with covariances (o, 6, 6) towards measurements (n, 4, 4) with noise (n, 6, 6).
+
+    By the weighted mean of both (Kalman's update); `row` (n,) tells which, each at most once. False if the sum of a
+    covariance and its noise is not positive definite.
+    """
+    inverse, relative, step, residual, shift = np.empty((4, 4)), np.empty((4, 4)), np.empty((4, 4)), np.empty(6), np.empty(6)
+    total, weight, gain, less = np.empty((1, 6, 6)), np.empty((1, 6, 6)), np.empty((6, 6)), np.empty((6, 6))
+    for n in range(len(row)):
+        o = row[n]
+        total[0] = covariance[o] + noise[n]
+        if not invert_all(total, weight, np.empty(1)):
+            return False
+        product(covariance[o], weight[0], gain)
+        compiled.inverse(pose[o], inverse)
+        compiled.compose(inverse, measured[n], relative)
+        compiled.transform_log(relative, residual)
+        for i in range(6):
+            shift[i] = 0
+            for j in range(6):
+                shift[i] += gain[i, j] * residual[j]
+        compiled.transform_exp(shift, step)
+        compiled.compose(pose[o], step, relative)
+        pose[o] = relative
+        product(gain, covariance[o], less)
+        covariance[o] -= less
+    return True

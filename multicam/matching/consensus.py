@@ -13,10 +13,10 @@ import numpy as np
 
 from multicam.geometry import se3
 from multicam.matching.arrays import BoolArray, IntArray, rank_in_group
-from multicam.matching.compare import accumulate, one_to_one
+from multicam.matching.compare import one_to_one, refit, squared_norms
 from multicam.matching.hypotheses import Hypotheses, Measurements
 from multicam.matching.likelihood import LikelihoodConfig
-from multicam.matching.linear import apply, inverse, invert, squared_norm
+from multicam.matching.linear import inverse, invert, squared_norm
 from multicam.types import FloatArray
 
 SAME_POSE = 22.46
@@ -118,10 +118,11 @@ class _Round:
         """Compares; `covariance` is that of the poses where they do not stem from all that agrees with them."""
         owner, member, residual = measurements.near(link, pose, LARGEST_TURN)
         if covariance is None:
-            information, determinant = measurements.information[member], measurements.log_determinant[member]
+            squared, determinant = np.empty(len(member)), measurements.log_determinant[member]
+            squared_norms(residual, measurements.information, member, squared)
         else:
             information, determinant = invert(covariance[owner] + measurements.covariance[member])
-        squared = squared_norm(residual, information)
+            squared = squared_norm(residual, information)
         gain = likelihood.log_ratio(squared, determinant) + measurements.log_prior[member]
         useful = np.flatnonzero(gain > 0)
         useful = useful[_one_to_one(owner[useful], measurements, member[useful], gain[useful])]
@@ -142,16 +143,16 @@ class _Round:
 
     def refitted(self, measurements: Measurements) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Poses after a weighted step on all that agrees (h, 4, 4), covariances (h, 6, 6), and evidence (h,)."""
-        information = self.weight[:, None, None] * measurements.information[self.member]
-        normal, right = np.zeros((len(self.pose), 6, 6)), np.zeros((len(self.pose), 6))
-        accumulate(self.owner, information, normal)
-        accumulate(self.owner, apply(information, self.residual), right)
-        # A hypothesis that nothing supports stays where it is and gets no evidence.
-        supported = self.support > 0
-        normal[~supported] = np.eye(6)
-        covariance, determinant = invert(normal)
+        count = len(self.pose)
+        moved, covariance, determinant = np.empty((count, 4, 4)), np.empty((count, 6, 6)), np.empty(count)
+        if not refit(
+            self.pose, self.owner, self.residual, self.weight, measurements.information, self.member,
+            moved, covariance, determinant,
+        ):  # fmt: skip
+            raise np.linalg.LinAlgError("the information about a pose is not positive definite")
         freedom = self.log_clutter + 3 * np.log(2 * np.pi) - determinant / 2
-        return se3.plus(self.pose, apply(covariance, right)), covariance, np.where(supported, self.score + freedom, 0.0)
+        # A hypothesis that nothing supports stays where it is and gets no evidence.
+        return moved, covariance, np.where(self.support > 0, self.score + freedom, 0.0)
 
 
 def _one_to_one(owner: IntArray, measurements: Measurements, member: IntArray, gain: FloatArray) -> BoolArray:

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from multicam.geometry import se3
+from multicam.geometry import se3, so3
 from multicam.matching.arrays import BoolArray, IntArray, ragged, rank_in_group
-from multicam.matching.compare import difference_all, near_differences, pair_up, relative_poses
+from multicam.matching.compare import near_differences, pair_up, relative_poses
 from multicam.matching.linear import apply, inverse, invert
 from multicam.matching.observations import PosedObjects
 from multicam.matching.symmetry import SymmetryTable
@@ -59,14 +59,10 @@ class Measurements:
         """Where the measurements of each given link start and stop."""
         return np.searchsorted(self.link, link), np.searchsorted(self.link, link, side="right")
 
-    def difference(self, member: IntArray, pose: FloatArray) -> FloatArray:
-        """(n, 4, 4) pose^-1 measured of measurements `member`, each turned about its axis to come closest."""
-        relative = np.empty((len(member), 4, 4))
-        difference_all(np.ascontiguousarray(pose), self.pose[member], self.axis[member], relative)
-        return relative
-
     def near(self, link: IntArray, pose: FloatArray, largest_turn: float) -> tuple[IntArray, IntArray, FloatArray]:
         """Logarithms of the differences of poses (h, 4, 4) to all measurements of their links (h,).
+
+        A measurement with an axis is turned about it to come closest.
 
         Returns:
             Pose and measurement (n,) and their difference (n, 6), where it turns by less than `largest_turn` radians.
@@ -172,12 +168,12 @@ def _second_objects(
         fits &= side[first] != side[second]
     first, second = first[fits], second[fits]
     direction, moment = measurements.axis[first, :3], measurements.axis[first, 3:]
-    on_axis = np.cross(direction, moment)
+    on_axis = so3.cross(direction, moment)
     query_from_reference = se3.inverse(measurements.pose[first])
     target = se3.act(query_from_reference, reference_centre[measurements.reference[second], None])[:, 0]
     goal, goal_height = _across(target - on_axis, direction)
     start, start_height = _across(query_centre[measurements.query[second]] - on_axis, direction)
-    angle = np.arctan2(np.sum(direction * np.cross(start, goal), axis=-1), np.sum(start * goal, axis=-1))
+    angle = np.arctan2(np.sum(direction * so3.cross(start, goal), axis=-1), np.sum(start * goal, axis=-1))
     misfit = np.hypot(goal_height - start_height, np.linalg.norm(goal, axis=-1) - np.linalg.norm(start, axis=-1))
     order = np.lexsort((misfit, first))
     order = order[rank_in_group(first[order]) < PARTNERS]

@@ -89,8 +89,8 @@ class NoiseModel:
         poses = camera_from_object.copy()
         poses[:, :3, 3] += np.expm1(-too_far)[:, None] * centre_in_camera(camera_from_object, centre)
         forth = viewing_axes(poses, centre)
-        back = viewing_axes(poses, centre, inverse=True)
-        return poses, self.kinship * congruent(back @ (self.factors(obj_id)[:, :, None] * forth), covariance)
+        scale = from_viewing_axes(forth) @ (self.factors(obj_id)[:, :, None] * forth)
+        return poses, self.kinship * congruent(scale, covariance)
 
 
 def centre_in_camera(camera_from_object: FloatArray, centre: FloatArray) -> FloatArray:
@@ -98,26 +98,26 @@ def centre_in_camera(camera_from_object: FloatArray, centre: FloatArray) -> Floa
     return apply(camera_from_object[:, :3, :3], centre) + camera_from_object[:, :3, 3]
 
 
-def viewing_axes(camera_from_object: FloatArray, centre: FloatArray, inverse: bool = False) -> FloatArray:
+def viewing_axes(camera_from_object: FloatArray, centre: FloatArray) -> FloatArray:
     """(n, 6, 6) maps of a right tangent to [attitude; motion of the centre across and along the line of sight].
 
     With c the centre, R the attitude and Q = (rows) two directions across the line of sight and the line itself:
-    [Q R, 0; -Q R hat(c), Q R], and its inverse on request.
+    [Q R, 0; -Q R hat(c), Q R].
     """
     ray = centre_in_camera(camera_from_object, centre)
     ray = ray / np.linalg.norm(ray, axis=-1, keepdims=True)
     # Any vector that is not parallel to the ray gives a frame; the choice within the image plane does not matter.
     helper = np.where(np.abs(ray[:, :1]) < 0.9, np.array([[1.0, 0.0, 0.0]]), np.array([[0.0, 1.0, 0.0]]))
-    across = np.cross(helper, ray)
+    across = so3.cross(helper, ray)
     across /= np.linalg.norm(across, axis=-1, keepdims=True)
-    turn = np.stack((across, np.cross(ray, across), ray), axis=1) @ camera_from_object[:, :3, :3]
-    lever = so3.hat(centre)
+    turn = np.stack((across, so3.cross(ray, across), ray), axis=1) @ camera_from_object[:, :3, :3]
     axes = np.zeros((len(turn), 6, 6))
-    if inverse:
-        back = np.swapaxes(turn, -1, -2)
-        axes[:, :3, :3] = axes[:, 3:, 3:] = back
-        axes[:, 3:, :3] = lever @ back
-    else:
-        axes[:, :3, :3] = axes[:, 3:, 3:] = turn
-        axes[:, 3:, :3] = -turn @ lever
+    axes[:, :3, :3] = axes[:, 3:, 3:] = turn
+    axes[:, 3:, :3] = -turn @ so3.hat(centre)
     return axes
+
+
+def from_viewing_axes(axes: FloatArray) -> FloatArray:
+    """Inverses of such maps (n, 6, 6): each of their blocks transposed, [R'Q', 0; hat(c) R'Q', R'Q']."""
+    blocks = axes.reshape(-1, 2, 3, 2, 3)
+    return np.swapaxes(blocks, 2, 4).reshape(axes.shape)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.special import gammaln
@@ -26,7 +27,7 @@ class LikelihoodConfig:
         if min(self.tail, self.clutter_volume, self.gate) <= 0:
             raise ValueError("tail, clutter_volume and gate must be positive")
 
-    @property
+    @cached_property
     def log_clutter(self) -> float:
         """Log density of an unrelated pose: all attitudes (their volume is 8 pi^2) times the clutter volume."""
         return -float(np.log(8 * np.pi**2 * self.clutter_volume))
@@ -38,9 +39,13 @@ class LikelihoodConfig:
             squared: r' C^-1 r of the six-dimensional residual r.
             log_determinant: of its covariance C.
         """
-        constant = gammaln((self.tail + 6) / 2) - gammaln(self.tail / 2) - 3 * np.log(self.tail * np.pi)
-        student = constant - log_determinant / 2 - (self.tail + 6) / 2 * np.log1p(squared / self.tail)
+        student = self._log_peak - log_determinant / 2 - (self.tail + 6) / 2 * np.log1p(squared / self.tail)
         return np.where(squared <= self.gate**2, student - self.log_clutter, -np.inf)
+
+    @cached_property
+    def _log_peak(self) -> float:
+        """Log density of the Student distribution of unit scale at zero."""
+        return float(gammaln((self.tail + 6) / 2) - gammaln(self.tail / 2) - 3 * np.log(self.tail * np.pi))
 
     def weight(self, squared: FloatArray) -> FloatArray:
         """Weight of a residual in a least-squares step that raises the Student likelihood."""

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 from scipy.special import gammainc
 
-from multicam.matching.cholesky import invert_all, solve_one
+from multicam.matching.linear_compiled import invert_all, solve_one
 from multicam.types import FloatArray
 
 LARGE = 24

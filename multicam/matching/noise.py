@@ -14,6 +14,7 @@ import numpy as np
 from multicam.dataset.objects import ObjectModel
 from multicam.geometry import se3, so3
 from multicam.matching.linear import inverse
+from multicam.matching.symmetry import axis_twist
 from multicam.types import FloatArray
 
 FREE_TURN_VARIANCE = np.pi**2 / 3
@@ -66,6 +67,6 @@ def free_turns(model: ObjectModel) -> FloatArray:
     """(6, 6) variance that the object's continuous symmetries leave open, in its right tangent; zero for most."""
     covariance = np.zeros((6, 6))
     for axis in model.symmetries.axes:
-        twist = np.concatenate((axis.direction, np.cross(axis.offset, axis.direction)))
+        twist = axis_twist(axis)
         covariance += FREE_TURN_VARIANCE * np.outer(twist, twist)
     return covariance

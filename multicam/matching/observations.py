@@ -73,7 +73,9 @@ def observe(
     if noise is not None:
         centre = np.array([model.box_centre() for model in models]).reshape(-1, 3)
         poses, covariance = noise.apply(obj_id, poses, centre, covariance)
-    covariance += np.array([free_turns(model) for model in models]).reshape(-1, 6, 6)
+    for n, model in enumerate(models):
+        if model.symmetries.axes:
+            covariance[n] += free_turns(model)
     return PosedObjects(
         frame=np.array([v for v, _ in flat], dtype=np.int64),
         obj_id=obj_id,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -34,10 +35,10 @@ class SymmetryTable:
     centre: FloatArray
 
     @classmethod
-    def of(cls, catalogue: Catalogue, obj_ids: IntArray) -> SymmetryTable:
-        """The table of the classes that occur in `obj_ids`."""
-        unique = np.unique(obj_ids)
-        symmetries = [catalogue[o].symmetries for o in unique.tolist()]
+    @lru_cache(maxsize=4)
+    def of(cls, catalogue: Catalogue) -> SymmetryTable:
+        """The table of a catalogue; made once."""
+        symmetries = [model.symmetries for model in catalogue.objects.values()]
         blocks = [np.concatenate((np.eye(4)[None], s.discrete)) for s in symmetries]
         count = np.array([len(block) for block in blocks], dtype=np.int64)
         axis = np.array([axis_twist(s.axes[0]) if s.axes else np.zeros(6) for s in symmetries]).reshape(-1, 6)
@@ -45,8 +46,8 @@ class SymmetryTable:
         points = [s.axes[0].offset if s.axes else np.zeros(3) for s in symmetries]
         centres = [se3.act(block, point).mean(axis=0) for block, point in zip(blocks, points, strict=True)]
         return cls(
-            unique, np.cumsum(count) - count, count, np.concatenate([np.zeros((0, 4, 4)), *blocks]),
-            axis, np.array(centres).reshape(-1, 3),
+            np.array(catalogue.obj_ids, dtype=np.int64), np.cumsum(count) - count, count,
+            np.concatenate([np.zeros((0, 4, 4)), *blocks]), axis, np.array(centres).reshape(-1, 3),
         )  # fmt: skip
 
     def rows(self, obj_id: IntArray) -> IntArray:

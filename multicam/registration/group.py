@@ -47,7 +47,7 @@ class Group:
             raise ValueError(f"each view needs a name of its own; got {[view.view_id for view in ordered]}")
         estimates = observe(ordered, catalogue, config.noise, noise)
         kinship = 1.0 if noise is None else noise.kinship
-        return cls(ordered, estimates, SymmetryTable.of(catalogue, estimates.obj_id), catalogue, config, kinship)
+        return cls(ordered, estimates, SymmetryTable.of(catalogue), catalogue, config, kinship)
 
     def of_views(self, views: set[int]) -> PosedObjects:
         """The estimates of some views."""

@@ -77,6 +77,8 @@ def sharpen(group: Group, refinement: Refinement) -> Refinement:
 
 def seen_from(refinement: Refinement, camera: int) -> Refinement:
     """The same answer with another camera (position in the placement) as the world."""
+    if camera == 0:
+        return refinement
     change = se3.inverse(refinement.placement.world_from_camera[camera])
     state = State(change @ refinement.placement.world_from_camera, change @ refinement.world_from_object)
     return _conclude(refinement, state, world=camera)

@@ -113,6 +113,6 @@ def _compare(
     expected = expect(solution, stay, timestamp_ns)
     classes = expected.objects.obj_id
     diameters = np.array([catalogue[int(obj_id)].diameter for obj_id in classes])
-    symmetries = SymmetryTable.of(catalogue, np.concatenate((classes, seen.obj_id)))
+    symmetries = SymmetryTable.of(catalogue)
     gate = solution.graph.config.change.gate
     return compare(expected, seen, diameters, view.camera_matrix, symmetries, config.consensus.likelihood, gate)

@@ -19,7 +19,7 @@ def tracks_of(world: ToyWorld, views: tuple[View, ...], order: tuple[int, ...] =
     """Association with the true camera poses."""
     found = observe(views, world.catalogue, NoiseConfig())
     cameras = np.array([camera.world_from_camera for camera in world.cameras])[list(order)]
-    symmetries = SymmetryTable.of(world.catalogue, found.obj_id)
+    symmetries = SymmetryTable.of(world.catalogue)
     spread = np.zeros((len(order), 6, 6))
     return associate(found, np.array(order), cameras, spread, symmetries, LikelihoodConfig())
 

@@ -20,7 +20,7 @@ from tests.toy_world import ALL_CLASSES, ToyWorld, make_world
 def consensus_of(views: tuple[View, ...], config: ConsensusConfig | None = None) -> Consensus:
     catalogue = toy_catalogue()
     found = observe(views, catalogue, NoiseConfig())
-    symmetries = SymmetryTable.of(catalogue, found.obj_id)
+    symmetries = SymmetryTable.of(catalogue)
     measured = measure(found, found, found.frame[:, None] < found.frame[None, :], symmetries)
     return find_consensus(measured, propose(measured, found, found, symmetries), config or ConsensusConfig())
 

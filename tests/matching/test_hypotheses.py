@@ -25,7 +25,7 @@ def prepared(world: ToyWorld, rng: np.random.Generator):
 
 
 def matched(found: PosedObjects, catalogue: Catalogue):
-    symmetries = SymmetryTable.of(catalogue, found.obj_id)
+    symmetries = SymmetryTable.of(catalogue)
     measured = measure(found, found, between_views(found), symmetries)
     return measured, propose(measured, found, found, symmetries)
 
@@ -72,11 +72,12 @@ def test_the_covariance_of_a_measurement_agrees_with_sampling(rng: np.random.Gen
     poses = np.stack([se3.exp(np.array([0.4, -0.3, 0.9, 0.1, 0, 0.8])), se3.exp(np.array([-1.0, 0.5, 0.2, 0, 0.2, 1]))])
     spread = np.stack([np.diag([2, 5, 3, 1, 2, 1]), np.diag([3, 1, 4, 2, 1, 3])]) * 1e-3
     objects = PosedObjects(np.array([0, 1]), np.array([PYRAMID] * 2), np.ones(2), poses, spread**2)
-    symmetries = SymmetryTable.of(catalogue, objects.obj_id)
+    symmetries = SymmetryTable.of(catalogue)
     measured = measure(objects, objects, between_views(objects), symmetries)
     moved = se3.plus(poses, rng.normal(size=(20_000, 2, 6)) * np.diagonal(spread, axis1=1, axis2=2))
+    start = symmetries.start[symmetries.rows(np.array([PYRAMID]))[0]]
     for row in range(len(measured)):
-        symmetry = symmetries.transforms[measured.variant[row]]
+        symmetry = symmetries.transforms[start + measured.variant[row]]
         samples = moved[:, 0] @ symmetry @ se3.inverse(moved[:, 1])
         deviation = se3.minus(samples, measured.pose[row])
         assert np.allclose(np.cov(deviation.T), measured.covariance[row], atol=0.03 * measured.covariance[row].max())

@@ -1,6 +1,6 @@
 # pyright: basic, reportUntypedFunctionDecorator=false
 # Numba ships no types; linear, which wraps this kernel, is strict.
-"""Small positive definite matrices, compiled: inverses of many, solution of one system."""
+"""Products, inverses and systems of small matrices, compiled."""
 
 from __future__ import annotations
 
@@ -73,3 +73,30 @@ def solve_one(matrix, right, solution):
             total -= lower[k, i] * solution[k]
         solution[i] = total / lower[i, i]
     return True
+
+
+@njit(cache=True, error_model="numpy")
+def product(a, b, out):
+    """Product of two matrices (n, n); BLAS would take longer to call than to work."""
+    n = len(a)
+    for i in range(n):
+        for j in range(n):
+            total = 0.0
+            for k in range(n):
+                total += a[i, k] * b[k, j]
+            out[i, j] = total
+
+
+@njit(cache=True, error_model="numpy")
+def add_congruent(matrix, covariance, out):
+    """Adds M C M' of matrices (n, n)."""
+    n = len(matrix)
+    half = np.zeros((n, n))
+    for i in range(n):
+        for k in range(n):
+            for j in range(n):
+                half[i, j] += matrix[i, k] * covariance[k, j]
+    for i in range(n):
+        for j in range(n):
+            for k in range(n):
+                out[i, j] += half[i, k] * matrix[j, k]
