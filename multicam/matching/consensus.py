@@ -13,10 +13,11 @@ import numpy as np
 
 from multicam.geometry import se3
 from multicam.matching.arrays import BoolArray, IntArray, rank_in_group
-from multicam.matching.compare import one_to_one, refit, squared_norms
+from multicam.matching.compare import refit, squared_norms
 from multicam.matching.hypotheses import Hypotheses, Measurements
 from multicam.matching.likelihood import LikelihoodConfig
 from multicam.matching.linear import inverse, invert, squared_norm
+from multicam.matching.pairing import one_to_one
 from multicam.types import FloatArray
 
 SAME_POSE = 22.46

@@ -14,9 +14,10 @@ import numpy as np
 
 from multicam.geometry import se3, so3
 from multicam.matching.arrays import BoolArray, IntArray, ragged, rank_in_group
-from multicam.matching.compare import near_differences, pair_up, relative_poses
+from multicam.matching.compare import near_differences
 from multicam.matching.linear import apply, inverse, invert
 from multicam.matching.observations import PosedObjects
+from multicam.matching.pairing import pair_up, relative_poses
 from multicam.matching.symmetry import SymmetryTable
 from multicam.types import FloatArray
 
