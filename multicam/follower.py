@@ -24,6 +24,7 @@ from multicam.bundle.tracking import Sight, Tracked, TrackingConfig, first_color
 from multicam.dataset.runs import StepResult
 from multicam.errors import ConfigError
 from multicam.geometry import se3
+from multicam.matching.linear import inverse
 from multicam.types import FloatArray, Frame, ObjectEstimate
 
 
@@ -148,7 +149,7 @@ class Follower:
                 continue
             if not self._is_shown(found.lines, found.firm):
                 return None
-            covariance = np.linalg.inv(found.hessian + UNKNOWN * np.eye(6))
+            covariance = inverse(found.hessian + UNKNOWN * np.eye(6))
             estimates.append(ObjectEstimate(each.obj_id, each.score, found.world_from_object, covariance))
         return tuple(estimates)
 

@@ -21,6 +21,7 @@ from multicam.bundle.region.lines import find_lines
 from multicam.bundle.viewpoints.model import ViewpointModel
 from multicam.geometry import se3
 from multicam.geometry.camera import Camera
+from multicam.matching.linear import solve
 from multicam.types import FloatArray, ImageArray
 
 FIRM_MEAN, FIRM_VARIANCE = 2.0, 4.0
@@ -142,7 +143,7 @@ def track(
                     energy += float(terms.energy[0])
                     gradient += terms.gradient[0]
                     hessian += terms.hessian[0]
-            pose = se3.plus(pose, np.linalg.solve(hessian + damping, -gradient))
+            pose = se3.plus(pose, solve(hessian + damping, -gradient))
     return Tracked(pose, energy, hessian, lines, points, firm)
 
 

@@ -32,11 +32,18 @@ def invert(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _invert_large(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
-    diagonal = np.diagonal(np.linalg.cholesky(matrix))
-    if not np.all(np.isfinite(diagonal)):
+    lower = _decompose_large(matrix)
+    result = cho_solve((lower, True), np.eye(len(matrix)), check_finite=False)
+    return (result + result.T) / 2, np.asarray(2 * np.log(np.diagonal(lower)).sum(), dtype=np.float64)
+
+
+def _decompose_large(matrix: FloatArray) -> FloatArray:
+    """A matrix whose lower triangle is the Cholesky factor."""
+    factor, _ = cho_factor(matrix, lower=True, check_finite=False)
+    # LAPACK lets some NaN pass.
+    if not np.all(np.isfinite(np.diagonal(factor))):
         raise np.linalg.LinAlgError("matrix is not positive definite")
-    half = np.tril(np.linalg.inv(matrix))
-    return half + np.tril(half, -1).T, np.asarray(2 * np.log(diagonal).sum(), dtype=np.float64)
+    return factor
 
 
 def inverse(matrix: FloatArray) -> FloatArray:
@@ -51,7 +58,7 @@ def solve(matrix: FloatArray, right: FloatArray) -> FloatArray:
         numpy.linalg.LinAlgError: the matrix is not positive definite.
     """
     if len(matrix) > LARGE:
-        return cho_solve(cho_factor(matrix, lower=True), right)
+        return cho_solve((_decompose_large(matrix), True), right, check_finite=False)
     solution = np.empty(len(right))
     if not solve_one(matrix, right, solution):
         raise np.linalg.LinAlgError("matrix is not positive definite")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -11,6 +12,7 @@ from multicam.dataset.objects import Catalogue
 from multicam.errors import DataError
 from multicam.matching.arrays import BoolArray, IntArray
 from multicam.matching.learned import NoiseModel
+from multicam.matching.linear import inverse
 from multicam.matching.noise import NoiseConfig, free_turns, geometric_covariance
 from multicam.types import FloatArray, View
 
@@ -87,7 +89,7 @@ def observe(
 
 def _checked(covariance: FloatArray, obj_id: int, view_id: str) -> FloatArray:
     try:
-        np.linalg.cholesky(covariance)
+        inverse(covariance)
     except np.linalg.LinAlgError as error:
         raise DataError(
             f"the estimate of object {obj_id} in view {view_id} states a covariance that is not positive definite; "
@@ -99,4 +101,5 @@ def _checked(covariance: FloatArray, obj_id: int, view_id: str) -> FloatArray:
 def _focal(view: View, config: NoiseConfig) -> float:
     if view.camera_matrix is None:
         return config.assumed_focal
-    return float(np.sqrt(abs(np.linalg.det(view.camera_matrix[:2, :2]))))
+    (a, b), (c, d) = view.camera_matrix[:2, :2].tolist()
+    return math.sqrt(abs(a * d - b * c))

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from multicam.geometry import se3
+from multicam.matching.linear import inverse, solve
 from multicam.types import FloatArray
 
 _ITERATIONS = 20
@@ -58,7 +59,7 @@ def mahalanobis(a: UncertainPose, b: UncertainPose) -> float:
     """Squared distance of two independent measurements of one pose; chi-square with 6 degrees of freedom."""
     twist = se3.minus(b.pose, a.pose)
     jacobian = se3.left_jacobian_inverse(-twist)
-    return float(twist @ np.linalg.solve(a.covariance + jacobian @ b.covariance @ jacobian.T, twist))
+    return float(twist @ solve(a.covariance + jacobian @ b.covariance @ jacobian.T, twist))
 
 
 def fuse(a: UncertainPose, b: UncertainPose) -> UncertainPose:
@@ -70,18 +71,18 @@ def fuse(a: UncertainPose, b: UncertainPose) -> UncertainPose:
         numpy.linalg.LinAlgError: a covariance is singular: nobody knows a pose exactly.
     """
     measured = np.stack((a.pose, b.pose))
-    weights = np.linalg.inv(np.stack((a.covariance, b.covariance)))
+    weights = inverse(np.stack((a.covariance, b.covariance)))
     pose, hessian = a.pose, weights.sum(axis=0)
     for _ in range(_ITERATIONS):
         residuals = se3.minus(np.broadcast_to(pose, measured.shape), measured)
         jacobians = se3.left_jacobian_inverse(-residuals)
         pull = np.swapaxes(jacobians, -1, -2) @ weights
         hessian = (pull @ jacobians).sum(axis=0)
-        step = -np.linalg.solve(hessian, (pull @ residuals[..., None]).sum(axis=0)[:, 0])
+        step = -solve(hessian, (pull @ residuals[..., None]).sum(axis=0)[:, 0])
         pose = se3.plus(pose, step)
         if np.linalg.norm(step) < _CONVERGED:
             break
-    return UncertainPose(pose, np.linalg.inv(hessian))
+    return UncertainPose(pose, inverse(hessian))
 
 
 def spread(estimate: UncertainPose) -> float:

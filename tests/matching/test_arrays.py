@@ -35,6 +35,21 @@ def test_a_system_is_solved_as_by_lapack(rng: np.random.Generator, size: int) ->
     assert np.allclose(solve(matrix, right), np.linalg.solve(matrix, right), rtol=1e-8)
 
 
+def test_a_large_matrix_is_inverted_as_by_lapack(rng: np.random.Generator) -> None:
+    root = rng.normal(size=(LARGE + 6, LARGE + 6))
+    matrix = root @ root.T + 0.1 * np.eye(LARGE + 6)
+    inverse, log_determinant = invert(matrix)
+    assert np.allclose(inverse, np.linalg.inv(matrix), rtol=1e-8)
+    assert np.isclose(log_determinant, np.linalg.slogdet(matrix)[1])
+
+
+@pytest.mark.parametrize("worst", [-1.0, np.nan])
+@pytest.mark.parametrize("size", [6, LARGE + 6])
+def test_a_matrix_that_is_not_positive_definite_has_no_inverse(size: int, worst: float) -> None:
+    with pytest.raises(np.linalg.LinAlgError):
+        invert(np.diag([1.0] * (size - 1) + [worst]))
+
+
 @pytest.mark.parametrize("size", [6, LARGE + 6])
 def test_a_system_that_is_not_positive_definite_is_refused(size: int) -> None:
     with pytest.raises(np.linalg.LinAlgError):
