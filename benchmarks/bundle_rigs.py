@@ -1,15 +1,17 @@
 """Cameras of rendered recordings before and after their adjustment: joint, in turns, and with the published step.
 
-    python benchmarks/bundle_rigs.py RECORDING [RECORDING ...] [--every 4]
+    python benchmarks/bundle_rigs.py RECORDING [RECORDING ...] [--every 4] [--keypoints 2.5]
 
 Each group is one moment of a recording; it is worse if the mean error of its cameras is. Estimates are true poses with
 the noise of estimates that state none (an outline 2.5 pixels off, depth four times worse); their joint minimum, which
-is what a registration gives, is the start.
+is what a registration gives, is the start. With --keypoints, estimates are those of PnP on keypoints that are off by so
+many pixels, one in twenty by up to 30, and two more rows tell what keypoints add to the covariances of those poses.
 """
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -21,6 +23,7 @@ from rich.table import Table
 from multicam.bundle.adjustment.adjust import Adjusted, adjust
 from multicam.bundle.adjustment.config import AdjustmentConfig
 from multicam.bundle.adjustment.descent import Participants, System
+from multicam.bundle.adjustment.keypoints import EdgeKeypoints
 from multicam.bundle.adjustment.scene import Body, Picture, Scene
 from multicam.bundle.adjustment.search import Found, edge_poses, find_occluders, learn_colors
 from multicam.bundle.depth_image import DepthImage
@@ -28,9 +31,12 @@ from multicam.bundle.levenberg import LevenbergConfig, minimize
 from multicam.bundle.problem import Problem, State
 from multicam.bundle.viewpoints.cache import load_viewpoints
 from multicam.bundle.viewpoints.generate import ViewpointConfig
+from multicam.dataset.objects import ObjectModel
 from multicam.dataset.sequence import Recording, load_recording
 from multicam.geometry import se3
+from multicam.geometry.camera import Camera
 from multicam.geometry.mesh import load_mesh
+from multicam.inference.pnp import PnpConfig, PnpRefusal, solve_pnp
 from multicam.matching.linear import apply, inverse, squared_norm
 from multicam.matching.noise import NoiseConfig, geometric_covariance
 from multicam.progress import RichProgress
@@ -41,6 +47,9 @@ VISIBLE = 0.3
 
 SAME = 0.02
 """Metres between two objects of one class that are one."""
+
+GROSS = 0.05
+"""Share of keypoints that are grossly wrong, with --keypoints."""
 
 RGB = AdjustmentConfig(depth=None, measured_occlusion=False)
 RGBD = AdjustmentConfig()
@@ -62,7 +71,7 @@ class PublishedStep(System):
     def step(self, found: Found, state: State, weight: FloatArray) -> tuple[State, FloatArray]:
         pose = edge_poses(self.scene, state)
         local, free = found.linearize(pose), ~self.participants.fixed
-        bare = replace(self, scene=replace(self.scene, information=np.zeros_like(self.scene.information)))
+        bare = replace(self, scene=without_estimates(self.scene))
         cameras = bare.assemble(local, pose, state, np.ones_like(weight), damped=False)
         main = np.where(self.scene.camera == 0, 1.0, 0.1)
         objects = bare.assemble(local, pose, state, main)
@@ -86,10 +95,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("recordings", type=Path, nargs="+")
     parser.add_argument("--every", type=int, default=4, help="use every n-th moment")
+    parser.add_argument("--keypoints", type=float, metavar="PX", help="standard deviation of keypoints")
     options = parser.parse_args()
     print(machine())
     rng = np.random.default_rng(0)
-    cases = [case for folder in options.recordings for case in cases_of(load_recording(folder), options.every, rng)]
+    detector = Detector(options.keypoints, rng)
+    cases = [
+        case for folder in options.recordings for case in cases_of(load_recording(folder), options.every, detector)
+    ]
     before = np.concatenate([error(case, case.start) for case in cases])
     columns = ("method", "cameras", "mean mm", "median", "p90", "mean deg", "halved %", "worse %", "groups worse %")
     table = Table(*columns, "kept", "NEES")
@@ -97,8 +110,13 @@ def main() -> None:
     for name, config in VARIANTS.items():
         answers = [(case, adjust(case.scene, case.start, config)) for case in cases]
         rows[name] = [(case, answer.state, answer) for case, answer in answers]
-    answers = [(case, adjust(without_estimates(case.scene), case.start, AdjustmentConfig())) for case in cases]
+    answers = [(case, adjust(without_estimates(case.scene), case.start, RGBD)) for case in cases]
     rows["RGB-D, no estimates"] = [(case, answer.state, answer) for case, answer in answers]
+    if options.keypoints:
+        for name in ("RGB, joint", "RGB-D, joint"):
+            poses = [(case, replace(case.scene, keypoints=EdgeKeypoints.none())) for case in cases]
+            answers = [(case, adjust(scene, case.start, VARIANTS[name])) for case, scene in poses]
+            rows[f"{name}, poses for keypoints"] = [(case, answer.state, answer) for case, answer in answers]
     for name, config in PUBLISHED.items():
         rows[name] = [(case, published(case, config), None) for case in cases]
     for name, row in rows.items():
@@ -119,7 +137,7 @@ def main() -> None:
 
 def without_estimates(scene: Scene) -> Scene:
     """The scene in which estimates, and so keypoints, say where to begin and nothing more."""
-    return replace(scene, information=np.zeros_like(scene.information))
+    return replace(scene, information=np.zeros_like(scene.information), keypoints=EdgeKeypoints.none())
 
 
 def error(case: Case, state: State, rotation: bool = False) -> FloatArray:
@@ -146,14 +164,14 @@ def published(case: Case, config: AdjustmentConfig) -> State:
     return PublishedStep(case.scene, taking, occluders, colors, config).descend(case.start, range(config.searches))[0]
 
 
-def cases_of(recording: Recording, every: int, rng: np.random.Generator) -> list[Case]:
+def cases_of(recording: Recording, every: int, detector: Detector) -> list[Case]:
     """Moments of a recording at which objects tie at least two cameras together."""
     folder = recording.folder / "models"
     meshes = {o: load_mesh(folder / f"obj_{o:06d}.ply", 1e-3) for o in recording.catalogue.obj_ids}
     models = load_viewpoints(meshes, ViewpointConfig(), RichProgress())
     bodies = {o: Body(models[o], meshes[o]) for o in meshes}
     entries = {(c.camera_id, e.timestamp_ns): e.im_id for c in recording.cameras for e in c.frames}
-    cases = [case_of(recording, moment, entries, bodies, rng) for moment in list(recording.frame_sets())[::every]]
+    cases = [case_of(recording, moment, entries, bodies, detector) for moment in list(recording.frame_sets())[::every]]
     return [case for case in cases if case is not None]
 
 
@@ -162,7 +180,7 @@ def case_of(
     moment: FrameSet,
     entries: dict[tuple[str, int], int],
     bodies: dict[int, Body],
-    rng: np.random.Generator,
+    detector: Detector,
 ) -> Case | None:
     """A moment with noisy estimates of what each camera sees; None if too few objects are shared."""
     truth, places, classes = [], list[FloatArray](), list[int]()
@@ -187,10 +205,9 @@ def case_of(
         return None
     used = sorted({o for _, o, _ in edges})
     camera, obj = np.array([c for c, _, _ in edges]), np.array([used.index(o) for _, o, _ in edges])
-    corners = np.array([recording.catalogue[classes[used[o]]].box_corners() for o in obj])
-    focal = np.array([frame.camera.matrix[0, 0] for frame in moment.frames])[camera]
+    known = [recording.catalogue[classes[used[o]]] for o in obj]
     exact = np.array([pose for _, _, pose in edges])
-    estimated, covariance = estimates_of(exact, corners, focal, rng)
+    estimated, covariance, keypoints = detector.estimates(exact, known, [moment.frames[c].camera for c in camera])
     pictures = [
         Picture(f.image, f.camera, None if f.depth is None else DepthImage(f.depth, f.camera, np.eye(4)))
         for f in moment.frames
@@ -206,13 +223,49 @@ def case_of(
         fixed=fixed,
         camera_covariance=np.zeros((len(truth), 6, 6)),
         object_covariance=np.zeros((len(used), 6, 6)),
+        keypoints=keypoints.as_sure_as(estimated, covariance),
     )
     everything = np.ones(len(truth), dtype=np.bool_), np.ones(len(used), dtype=np.bool_)
     scene = replace(scene, fixed=fixed | scene.unrelated(*everything))
-    problem = Problem((scene.prior(2.0),), scene.fixed)
+    problem = Problem(scene.priors(2.0), scene.fixed)
     start = minimize(problem, State(world_from_camera, np.array(places)[used]), LevenbergConfig()).state
     cameras, objects = problem.covariances(start)
     return Case(replace(scene, camera_covariance=cameras, object_covariance=objects), start, world_from_camera)
+
+
+@dataclass(frozen=True, eq=False)
+class Detector:
+    """Stands in for a network.
+
+    Attributes:
+        std: of keypoints, pixels; None for estimates without keypoints.
+    """
+
+    std: float | None
+    rng: np.random.Generator
+
+    def estimates(
+        self, exact: FloatArray, models: Sequence[ObjectModel], cameras: Sequence[Camera]
+    ) -> tuple[FloatArray, FloatArray, EdgeKeypoints]:
+        """Poses (e, 4, 4) and covariances (e, 6, 6) of edges with true poses (e, 4, 4), and keypoints behind them."""
+        corners = np.array([model.box_corners() for model in models])
+        focal = np.array([camera.matrix[0, 0] for camera in cameras])
+        pose, covariance = estimates_of(exact, corners, focal, self.rng)
+        keypoints = [EdgeKeypoints.none()]
+        for edge, (model, camera) in enumerate(zip(models, cameras, strict=True)):
+            if self.std is None or model.keypoints is None or model.symmetries.axes:
+                continue
+            pixel = camera.project(se3.act(exact[edge], model.keypoints))
+            pixel += self.std * self.rng.normal(size=pixel.shape)
+            pixel += (self.rng.uniform(size=(len(pixel), 1)) < GROSS) * self.rng.uniform(-30, 30, size=pixel.shape)
+            std = np.full(pixel.shape, self.std)
+            found = solve_pnp(pixel, std, np.ones(len(pixel)), model.keypoints, camera, PnpConfig())
+            # What PnP refuses stays an estimate without keypoints.
+            if not isinstance(found, PnpRefusal):
+                pose[edge], covariance[edge] = found.camera_from_object, found.covariance
+                of_edge = np.full(len(pixel), edge), model.keypoints, pixel, std
+                keypoints.append(EdgeKeypoints(*of_edge, np.tile(camera.matrix, (len(pixel), 1, 1))))
+        return pose, covariance, EdgeKeypoints.joined(keypoints)
 
 
 def estimates_of(

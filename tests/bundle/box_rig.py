@@ -7,6 +7,7 @@ from functools import cache
 
 import numpy as np
 
+from multicam.bundle.adjustment.keypoints import EdgeKeypoints
 from multicam.bundle.adjustment.scene import Body, Picture, Scene
 from multicam.bundle.depth_image import DepthImage
 from multicam.bundle.problem import State
@@ -59,6 +60,21 @@ def picture(rng: np.random.Generator, camera_from_world: np.ndarray, placed: np.
         nearest[front], image[front] = drawn[front], color
     noisy = (image + rng.normal(scale=8, size=image.shape)).clip(0, 255).astype(np.uint8)
     return Picture(noisy, CAMERA, DepthImage(nearest, CAMERA, np.eye(4)) if depth else None)
+
+
+def with_keypoints(scene: Scene, rng: np.random.Generator, edges: int, std: float = 1.0) -> Scene:
+    """The scene with the corners of the first edges' boxes as keypoints, off by a pixel."""
+    exact = se3.inverse(cameras())[scene.camera] @ objects()[scene.object]
+    corners = box().vertices[:8]
+    edge = np.repeat(np.arange(edges), len(corners))
+    pixel = CAMERA.project(np.reshape([se3.act(exact[e], corners) for e in range(edges)], (-1, 3)))
+    return replace(
+        scene,
+        keypoints=EdgeKeypoints(
+            edge, np.tile(corners, (edges, 1)), pixel + std * rng.normal(size=pixel.shape), np.full(pixel.shape, std),
+            np.tile(CAMERA.matrix, (len(edge), 1, 1)),
+        ),
+    )  # fmt: skip
 
 
 def rig(rng: np.random.Generator, depth: bool = True) -> Scene:

@@ -17,13 +17,14 @@ from multicam.bundle.adjustment.search import edge_poses, find_occluders, learn_
 from multicam.bundle.depth_image import DepthImage
 from multicam.bundle.odometry import OdometryFactor
 from multicam.bundle.problem import Problem, State
+from multicam.bundle.robust import PLAIN
 from multicam.bundle.viewpoints.generate import ViewpointConfig, generate
 from multicam.geometry import se3
 from multicam.geometry.camera import Camera
 from multicam.geometry.mesh import Mesh
 from multicam.geometry.rasterizer import render_depth
 from multicam.matching.linear import inverse, squared_norm
-from tests.bundle.box_rig import CAMERA, camera_errors, cameras, objects, only, picture, rig, shaken
+from tests.bundle.box_rig import CAMERA, camera_errors, cameras, objects, only, picture, rig, shaken, with_keypoints
 from tests.bundle.box_world import box
 
 CONFIG = AdjustmentConfig()
@@ -263,17 +264,58 @@ def test_a_camera_that_sees_one_symmetric_object_only_stays_uncertain_about_its_
     assert np.degrees(np.arccos(seen[:3, 2] @ exact[:3, 2])) < 1.5
 
 
-def test_the_step_solves_the_system_that_problem_has(rng: np.random.Generator) -> None:
-    # Without pictures both know the estimated poses alone, but for the slight damping of the step.
-    scene, start = rig(rng), shaken(rng)
+@pytest.mark.parametrize("edges", [0, 4, 9])
+def test_the_step_solves_the_system_that_problem_has(rng: np.random.Generator, edges: int) -> None:
+    # Without pictures both know the estimates alone, some by their keypoints, but for the slight damping of the step.
+    scene, start = with_keypoints(rig(rng), rng, edges), shaken(rng)
     config = AdjustmentConfig(region=None, depth=None, rotation_damping=0.0, translation_damping=0.0)
     taking = Participants(np.ones(3, np.bool_), np.ones(3, np.bool_), scene.fixed)
     occluders = find_occluders(scene, start, config)
     system = System(scene, taking, occluders, learn_colors(scene, scene.estimated, occluders, config), config)
     mine, _ = system.step(system.search(start, 0), start, np.ones(9))
-    problem = Problem((scene.prior(config.tail),), scene.fixed)
+    problem = Problem(scene.priors(config.tail), scene.fixed)
     theirs = problem.retract(start, problem.linearize(start)[1].solve(0.0))
-    assert np.allclose(edge_poses(scene, mine), edge_poses(scene, theirs), atol=1e-3)
+    assert np.allclose(edge_poses(scene, mine), edge_poses(scene, theirs), atol=2e-3)
+
+
+def test_keypoints_bring_the_cameras_back_as_far_as_they_can(rng: np.random.Generator) -> None:
+    start, blind = shaken(rng), AdjustmentConfig(region=None, depth=None)
+    scene = with_keypoints(rig(rng), rng, 9, std=0.1)
+    occluders = find_occluders(scene, start, blind)
+    taking = Participants(np.ones(3, np.bool_), np.ones(3, np.bool_), scene.fixed)
+    system = System(scene, taking, occluders, learn_colors(scene, scene.estimated, occluders, blind), blind)
+    found, _ = system.descend(start, range(6))
+    assert camera_errors(start)[1:].min() > 10 and camera_errors(found).max() < 3
+
+
+def test_an_edge_with_keypoints_has_no_other_estimate(rng: np.random.Generator) -> None:
+    scene, state = with_keypoints(rig(rng), rng, 4), State(cameras(), objects())
+    other = replace(scene, estimated=se3.random(rng, 9))
+
+    def energies(some: Scene) -> list[float]:
+        poses = [(prior, state.camera_from_object(prior.camera, prior.object)) for prior in some.priors(1.0)]
+        return [float(prior.linearize(at).energy.sum()) for prior, at in poses]
+
+    assert len(scene.priors(1.0)[0].camera) == 5
+    assert energies(scene)[1] == energies(other)[1] > 0
+    assert energies(scene)[0] != energies(other)[0]
+
+
+def test_estimates_that_are_trusted_less_bring_less_energy(rng: np.random.Generator) -> None:
+    scene, state = with_keypoints(rig(rng), rng, 4), State(cameras(), objects())
+    for whole, part in zip(scene.priors(1.0), scene.trusted(0.05).priors(1.0), strict=True):
+        at = state.camera_from_object(whole.camera, whole.object)
+        assert np.allclose(part.linearize(at).energy, 0.05 * whole.linearize(at).energy)
+
+
+def test_keypoints_know_no_more_than_the_covariance_of_their_estimate(rng: np.random.Generator) -> None:
+    keypoints = with_keypoints(rig(rng), rng, 2).keypoints
+    at, edges = se3.inverse(cameras())[[0, 0]] @ objects()[:2], np.arange(2)
+    local = keypoints.factor(edges, edges, PLAIN).linearize(at[keypoints.edge])
+    exact = np.array([np.linalg.inv(local.hessian[keypoints.edge == e].sum(axis=0)) for e in edges])
+    sure = keypoints.as_sure_as(at, exact * np.array([9.0, 0.1])[:, None, None])
+    # Three times the deviation where the covariance says so, and never less than the detector stated.
+    assert np.allclose(sure.std / keypoints.std, np.where(keypoints.edge == 0, 3.0, 1.0)[:, None])
 
 
 def test_a_picture_is_checked_when_it_is_made() -> None:

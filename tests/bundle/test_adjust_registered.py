@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +14,7 @@ from multicam.bundle.problem import State
 from multicam.geometry import se3
 from multicam.matching.linear import squared_norm
 from multicam.matching.noise import NoiseConfig
-from multicam.types import Component, ObjectEstimate, PlacedCamera, PlacedObject, View
+from multicam.types import Component, Detection, ObjectEstimate, PlacedCamera, PlacedObject, View
 from tests.bundle.box_rig import CAMERA, body
 from tests.toy_objects import BRACKET, PLATE, toy_catalogue
 
@@ -44,8 +45,9 @@ def estimate(obj_id: int, pose: np.ndarray) -> ObjectEstimate:
     return ObjectEstimate(obj_id, 0.9, pose, COVARIANCE)
 
 
-def scene() -> tuple[Scene, State]:
-    component, views = registered()
+def scene(component: Component | None = None, views: Sequence[View] = ()) -> tuple[Scene, State]:
+    if component is None:
+        component, views = registered()
     bodies = {PLATE: body(), BRACKET: body()}
     noise = EstimateNoise(NoiseConfig())
     return scene_of(component, views, {"left": PICTURE, "right": PICTURE}, bodies, toy_catalogue(), noise)
@@ -67,6 +69,22 @@ def test_a_twin_knows_what_its_estimate_knew() -> None:
     # One pose, moved from either twin: its distance must not depend on the twin.
     shift = se3.minus(se3.plus(other, xi) @ np.linalg.inv(half_turn), twin)
     assert np.isclose(squared_norm(shift, made.information[1]), squared_norm(xi, np.linalg.inv(COVARIANCE)))
+
+
+def test_keypoints_of_a_twin_stand_where_the_detector_saw_them() -> None:
+    component, views = registered()
+    points = toy_catalogue()[PLATE].keypoints
+    assert points is not None
+    seen = CAMERA.project(se3.act(views[0].estimates[1].camera_from_object, points))
+    std = np.full(seen.shape, 2.0)
+    lost = np.where(np.arange(len(seen)) == 3, np.nan, 1.0)[:, None]
+    detection = Detection(PLATE, 0.9, np.zeros(4), seen * lost, np.ones(len(seen)), std)
+    views[0] = replace(views[0], estimates=(views[0].estimates[0], replace(views[0].estimates[1], detection=detection)))
+    made, _ = scene(component, views)
+    assert made.keypoints.edge.tolist() == [1] * (len(points) - 1)
+    assert np.allclose(CAMERA.project(se3.act(made.estimated[1], made.keypoints.point)), np.delete(seen, 3, axis=0))
+    # A detector that claims more than the estimate's covariance is not believed.
+    assert np.all(made.keypoints.std >= 2) and np.ptp(made.keypoints.std) < 1e-12
 
 
 def test_an_adjustment_goes_back_into_the_component() -> None:

@@ -153,7 +153,7 @@ def _solve(system: System, state: State, observed: PoseFactor | None, measured: 
 def _agree(system: System, state: State, observed: PoseFactor) -> _Solution:
     """Cameras and objects that agree best with the poses (e,) that the pictures show one by one."""
     scene, taking = system.scene, system.participants
-    taken = taking.camera[scene.camera] & taking.object[scene.object]
+    taken = taking.both(scene.camera, scene.object)
     factor = replace(
         observed,
         camera=observed.camera[taken],
@@ -191,7 +191,7 @@ def _doubtful(
     scene: Scene, taking: Participants, before: State, solution: _Solution, observed: PoseFactor
 ) -> BoolArray:
     """(c,) free cameras that too few objects confirm, or whose objects agree less as the pictures show them."""
-    taken = taking.camera[scene.camera] & taking.object[scene.object]
+    taken = taking.both(scene.camera, scene.object)
 
     def disagreement(poses: FloatArray, state: State) -> FloatArray:
         squared = squared_norm(se3.minus(poses, edge_poses(scene, state)), scene.information)
@@ -203,7 +203,7 @@ def _doubtful(
 
 def _agreeing(scene: Scene, taking: Participants, weight: FloatArray) -> IntArray:
     """(c,) how many objects each camera sees as at least one other camera does, by the weights (e,) of the edges."""
-    agrees = (weight >= AGREES) & taking.camera[scene.camera] & taking.object[scene.object]
+    agrees = (weight >= AGREES) & taking.both(scene.camera, scene.object)
     cameras = np.bincount(scene.object, agrees, len(scene.bodies))
     return np.bincount(scene.camera, agrees & (cameras[scene.object] >= 2), len(scene.pictures)).astype(np.int64)
 

@@ -54,7 +54,7 @@ def observe_edges(
     everyone = Participants(np.ones(cameras, dtype=np.bool_), np.ones(edges, dtype=np.bool_), apart.fixed)
     state = State(world_from_camera, world_from_camera[scene.camera] @ scene.estimated)
     if config.relearn:
-        free = replace(apart, information=FIRST_TRUST * scene.information)
+        free = apart.trusted(FIRST_TRUST)
         state, _ = System(free, everyone, occluders, colors, config).descend(state, range(config.relearn))
         colors = learn_colors(apart, edge_poses(apart, state), occluders, config)
     system = System(apart, everyone, occluders, colors, config)

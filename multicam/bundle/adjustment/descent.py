@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,14 +10,14 @@ import numpy as np
 from multicam.bundle.adjustment.config import AdjustmentConfig
 from multicam.bundle.adjustment.scene import Scene
 from multicam.bundle.adjustment.search import Found, edge_poses, search_pictures
-from multicam.bundle.factor import Linearization
+from multicam.bundle.factor import EdgeFactor, Linearization
 from multicam.bundle.normal import NormalEquations
 from multicam.bundle.occlusion import Occluders
 from multicam.bundle.problem import Problem, State
 from multicam.bundle.region.colors import ColorModel
 from multicam.bundle.robust import Student
 from multicam.geometry import se3
-from multicam.matching.arrays import BoolArray
+from multicam.matching.arrays import BoolArray, IntArray
 from multicam.matching.linear import apply, inverse, squared_norm
 from multicam.types import FloatArray
 
@@ -38,6 +38,10 @@ class Participants:
     camera: BoolArray
     object: BoolArray
     fixed: BoolArray
+
+    def both(self, camera: IntArray, obj: IntArray) -> BoolArray:
+        """(e,) whether camera (e,) and object (e,) of an edge take part."""
+        return self.camera[camera] & self.object[obj]
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,14 +116,14 @@ class System:
         still = (
             np.diag([config.rotation_damping] * 3 + [config.translation_damping] * 3) if damped else np.zeros((6, 6))
         )
-        taken = taking.camera[scene.camera] & taking.object[scene.object]
+        taken = taking.both(scene.camera, scene.object)
         held = replace(local, hessian=weight[:, None, None] * local.hessian + still + UNKNOWN * np.eye(6))
         held = replace(held, gradient=weight[:, None] * local.gradient)
         system.add_edges(scene.camera, scene.object, pose, held, taken.astype(np.float64))
-        prior = scene.prior(config.tail)
-        terms = prior.linearize(pose)
-        share = prior.kernel.weight(2 * terms.energy) if damped else prior.kernel.information(2 * terms.energy)
-        system.add_edges(scene.camera, scene.object, pose, terms, share * taken)
+        for prior, at, terms in self._priors(state):
+            kernel, squared = prior.kernel, 2 * terms.energy
+            share = kernel.weight(squared) if damped else kernel.information(squared)
+            system.add_edges(prior.camera, prior.object, at, terms, share * taking.both(prior.camera, prior.object))
         for motion in scene.motions:
             system.add_motions(motion.first, motion.second, motion.linearize(state.world_from_camera))
         # An object that takes no part has no gradient and stays, whatever stands here.
@@ -129,11 +133,17 @@ class System:
     def energy(self, found: Found, state: State, weight: FloatArray) -> float:
         """Energy of a state by lines and points found somewhere, edges weighted (e,), with priors and motions."""
         scene, taking = self.scene, self.participants
-        taken, pose = (taking.camera[scene.camera] & taking.object[scene.object]), edge_poses(scene, state)
-        total = float((weight * taken) @ found.linearize(pose).energy)
-        prior = scene.prior(self.config.tail)
-        total += float(taken @ prior.kernel.energy(2 * prior.linearize(pose).energy))
+        weight = weight * taking.both(scene.camera, scene.object)
+        total = float(weight @ found.linearize(edge_poses(scene, state)).energy)
+        for prior, _, terms in self._priors(state):
+            total += float(taking.both(prior.camera, prior.object) @ prior.kernel.energy(2 * terms.energy))
         return total + sum(float(each.linearize(state.world_from_camera).energy.sum()) for each in scene.motions)
+
+    def _priors(self, state: State) -> Iterator[tuple[EdgeFactor, FloatArray, Linearization]]:
+        """What was estimated before, with the poses of its edges at a state and its energy there."""
+        for prior in self.scene.priors(self.config.tail):
+            at = state.camera_from_object(prior.camera, prior.object)
+            yield prior, at, prior.linearize(at)
 
     def measured(self, state: State) -> Linearization:
         """What lines and points of a last search at a state say of its edges (e,)."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from multicam.bundle.adjustment.adjust import Adjusted
+from multicam.bundle.adjustment.keypoints import EdgeKeypoints
 from multicam.bundle.adjustment.scene import Body, Picture, Scene
 from multicam.bundle.problem import State
 from multicam.dataset.objects import Catalogue
@@ -16,7 +17,7 @@ from multicam.matching.learned import NoiseModel
 from multicam.matching.linear import congruent, inverse
 from multicam.matching.noise import NoiseConfig
 from multicam.matching.observations import observe
-from multicam.types import Component, FloatArray, View
+from multicam.types import Component, FloatArray, ObjectEstimate, View
 
 
 @dataclass(frozen=True)
@@ -59,18 +60,27 @@ def scene_of(
     first = {view.view_id: int(np.searchsorted(estimates.frame, n)) for n, view in enumerate(views)}
     chosen = estimates[np.array([first[view_id] + index for _, _, view_id, index in edges], dtype=np.int64)]
     at = state.camera_from_object(camera, obj)
-    twin, covariance = _twins(chosen.frame_from_object, chosen.covariance, at, chosen.obj_id.tolist(), catalogue)
-    kinship = 1.0 if noise.learned is None else noise.learned.kinship
+    turn = _turns(chosen.frame_from_object, at, chosen.obj_id.tolist(), catalogue)
+    # T exp(xi) S = T S exp(Ad(S^-1) xi).
+    twin = chosen.frame_from_object @ turn
+    covariance = congruent(se3.adjoint(se3.inverse(turn)), chosen.covariance)
+    if noise.learned is not None:
+        covariance = covariance / noise.learned.kinship
+    taken = [pictures[each.view_id] for each in component.cameras]
+    given = {view.view_id: view.estimates for view in views}
+    behind = [given[view_id][index] for _, _, view_id, index in edges]
+    keypoints = _keypoints(behind, [taken[c].camera.matrix for c in camera.tolist()], turn, catalogue)
     scene = Scene(
-        pictures=[pictures[each.view_id] for each in component.cameras],
+        pictures=taken,
         bodies=[bodies[placed.obj_id] for placed in component.objects],
         camera=camera,
         object=obj,
         estimated=twin,
-        information=kinship * inverse(covariance),
+        information=inverse(covariance),
         fixed=np.arange(len(component.cameras)) == 0,
         camera_covariance=np.array([each.covariance for each in component.cameras]),
         object_covariance=np.array([placed.covariance for placed in component.objects]).reshape(-1, 6, 6),
+        keypoints=keypoints.as_sure_as(twin, covariance),
     )
     return scene, state
 
@@ -90,15 +100,31 @@ def component_of(component: Component, adjusted: Adjusted) -> Component:
     )
 
 
-def _twins(
-    observed: FloatArray, covariance: FloatArray, at: FloatArray, classes: Sequence[int], catalogue: Catalogue
-) -> tuple[FloatArray, FloatArray]:
-    """The symmetric twins of estimates (e,) closest to poses `at`, and their covariances."""
-    turn = np.array(
+def _turns(observed: FloatArray, at: FloatArray, classes: Sequence[int], catalogue: Catalogue) -> FloatArray:
+    """(e, 4, 4) the symmetries that bring estimates (e, 4, 4) closest to poses `at`."""
+    return np.array(
         [
             catalogue[each].symmetries.closest(target, source, catalogue[each].diameter / 2)
             for each, target, source in zip(classes, at, observed, strict=True)
         ]
     ).reshape(-1, 4, 4)
-    # T exp(xi) S = T S exp(Ad(S^-1) xi).
-    return observed @ turn, congruent(se3.adjoint(se3.inverse(turn)), covariance)
+
+
+def _keypoints(
+    behind: Sequence[ObjectEstimate], matrices: Sequence[FloatArray], turn: FloatArray, catalogue: Catalogue
+) -> EdgeKeypoints:
+    """What the detector saw of estimates (e,), for their twins.
+
+    Objects with a continuous symmetry keep their poses, whose covariances leave the turn open: their keypoints follow
+    whatever turn the detector chose in that picture.
+    """
+    parts = [EdgeKeypoints.none()]
+    for edge, (estimate, matrix) in enumerate(zip(behind, matrices, strict=True)):
+        model, seen = catalogue[estimate.obj_id], estimate.detection
+        if seen is None or model.keypoints is None or model.symmetries.axes:
+            continue
+        (usable,) = np.isfinite(np.hstack((seen.keypoints, seen.std))).all(axis=1).nonzero()
+        points = se3.act(se3.inverse(turn[edge]), model.keypoints[usable])
+        edges, intrinsics = np.full(len(usable), edge), np.tile(matrix, (len(usable), 1, 1))
+        parts.append(EdgeKeypoints(edges, points, seen.keypoints[usable], seen.std[usable], intrinsics))
+    return EdgeKeypoints.joined(parts)

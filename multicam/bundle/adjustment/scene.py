@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from multicam.bundle.adjustment.keypoints import EdgeKeypoints
 from multicam.bundle.depth_image import DepthImage
+from multicam.bundle.factor import EdgeFactor
 from multicam.bundle.ideal import require_ideal
 from multicam.bundle.odometry import OdometryFactor
 from multicam.bundle.pose import PoseFactor
@@ -58,6 +60,8 @@ class Scene:
         information: (e, 6, 6) inverse covariances of the right perturbations of `estimated`.
         fixed: (c,) cameras that do not move. Each set of cameras that hang together needs one.
         motions: measured motions between cameras.
+        keypoints: what a detector saw of some edges. There they say what the estimate would, and their reprojection
+            holds further from it than a covariance does.
         camera_covariance, object_covariance: (c, 6, 6) and (o, 6, 6) of the poses to begin with (right tangents); none
             of them moves beyond what these allow. Zero for fixed cameras.
     """
@@ -72,10 +76,21 @@ class Scene:
     camera_covariance: FloatArray
     object_covariance: FloatArray
     motions: Sequence[OdometryFactor] = ()
+    keypoints: EdgeKeypoints = field(default_factory=EdgeKeypoints.none)
 
-    def prior(self, tail: float) -> PoseFactor:
-        """The estimated poses as observations with Student noise."""
-        return PoseFactor(self.camera, self.object, self.estimated, self.information, Student(tail, 6))
+    def priors(self, tail: float) -> tuple[EdgeFactor, ...]:
+        """Keypoints, and the estimated poses of edges without, as observations with Student noise."""
+        bare = np.setdiff1d(np.arange(len(self.camera)), self.keypoints.edge)
+        poses = PoseFactor(
+            self.camera[bare], self.object[bare], self.estimated[bare], self.information[bare], Student(tail, 6)
+        )
+        keypoints = self.keypoints.factor(self.camera, self.object, Student(tail, 2))
+        return tuple(factor for factor in (poses, keypoints) if len(factor.camera))
+
+    def trusted(self, share: float) -> Scene:
+        """The same with a share of the information of the estimates."""
+        wider = self.keypoints.widened(np.full(len(self.camera), share**-0.5))
+        return replace(self, information=share * self.information, keypoints=wider)
 
     def unrelated(self, cameras: BoolArray, objects: BoolArray) -> BoolArray:
         """(c,) cameras that no object seen by two of them, nor a measured motion, ties to a fixed one.
