@@ -22,7 +22,7 @@ from rich.table import Table
 
 from multicam.bundle.adjustment.adjust import Adjusted, adjust
 from multicam.bundle.adjustment.config import AdjustmentConfig
-from multicam.bundle.adjustment.descent import Participants, System
+from multicam.bundle.adjustment.descent import UNKNOWN, Participants, System
 from multicam.bundle.adjustment.keypoints import EdgeKeypoints
 from multicam.bundle.adjustment.scene import Body, Picture, Scene
 from multicam.bundle.adjustment.search import Found, edge_poses, find_occluders, learn_colors
@@ -136,8 +136,9 @@ def main() -> None:
 
 
 def without_estimates(scene: Scene) -> Scene:
-    """The scene in which estimates, and so keypoints, say where to begin and nothing more."""
-    return replace(scene, information=np.zeros_like(scene.information), keypoints=EdgeKeypoints.none())
+    """The scene in which estimates, and so keypoints, say where to begin and next to nothing more."""
+    hardly = np.tile(UNKNOWN * np.eye(6), (len(scene.camera), 1, 1))
+    return replace(scene, information=hardly, keypoints=EdgeKeypoints.none())
 
 
 def error(case: Case, state: State, rotation: bool = False) -> FloatArray:
