@@ -322,13 +322,3 @@ def left_jacobian_inverse_all(xi, out):
     """Of twists (n, 6)."""
     for n in range(len(xi)):
         left_jacobian_inverse(xi[n], out[n])
-
-
-@njit(cache=True, error_model="numpy")
-@no_type_check
-def plus_all(transform, xi, out):
-    """Transforms (n, 4, 4) moved by twists (n, 6) on the right."""
-    step = np.empty((4, 4))
-    for n in range(len(xi)):
-        transform_exp(xi[n], step)
-        compose(transform[n], step, out[n])
