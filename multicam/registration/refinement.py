@@ -76,7 +76,11 @@ def sharpen(group: Group, refinement: Refinement) -> Refinement:
 
 
 def seen_from(refinement: Refinement, camera: int) -> Refinement:
-    """The same answer with another camera (position in the placement) as the world."""
+    """The same answer with another camera (position in the placement) as the world.
+
+    Args:
+        refinement: as `refine` and `sharpen` give it, its world being its first camera.
+    """
     if camera == 0:
         return refinement
     change = se3.inverse(refinement.placement.world_from_camera[camera])

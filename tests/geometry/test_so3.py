@@ -65,6 +65,8 @@ def test_half_a_turn_has_either_sign_of_its_axis(axis: Array) -> None:
 @given(arrays(3, 10), arrays(3, 10))
 def test_hat_is_the_cross_product_and_vee_undoes_it(a: Array, b: Array) -> None:
     assert_close(so3.hat(a) @ b, np.cross(a, b), atol=1e-12)
+    stacks = np.stack((a, b)), np.stack((b, a))
+    assert_close(so3.cross(*stacks), np.cross(*stacks), atol=1e-12)
     assert np.array_equal(so3.vee(so3.hat(a)), a)
 
 
