@@ -70,11 +70,7 @@ def pose_factor(group: Group, tracks: Tracks, edges: Edges) -> PoseFactor:
 
 
 def keypoint_factors(group: Group, tracks: Tracks, edges: Edges) -> tuple[EdgeFactor, ...]:
-    """Keypoints as observations where an estimate carries them, its pose otherwise; empty if none does.
-
-    Objects with a continuous symmetry keep their poses, whose covariances leave the turn open: their keypoints follow
-    whatever turn the detector chose in that view.
-    """
+    """Keypoints as observations where an estimate carries them, its pose otherwise; empty if none does."""
     seen = [group.keypoints(estimate) for estimate in tracks.estimate[edges.track].tolist()]
     with_keypoints = [(n, keypoints) for n, keypoints in enumerate(seen) if keypoints is not None]
     if not with_keypoints:

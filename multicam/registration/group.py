@@ -8,11 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from multicam.dataset.objects import Catalogue
+from multicam.matching.keypoints import Keypoints, keypoints_of
 from multicam.matching.learned import NoiseModel
 from multicam.matching.observations import PosedObjects, observe
 from multicam.matching.symmetry import SymmetryTable
 from multicam.registration.config import RegistrationConfig
-from multicam.types import FloatArray, ObjectEstimate, View
+from multicam.types import View
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,20 +60,6 @@ class Group:
         return self.views[frame], estimate - int(np.searchsorted(self.estimates.frame, frame))
 
     def keypoints(self, estimate: int) -> Keypoints | None:
-        """What the detector saw of an estimate, if that and the camera are known and the object has no free turn."""
+        """What the detector saw of an estimate; see `keypoints_of`."""
         view, index = self.source(estimate)
-        detail: ObjectEstimate = view.estimates[index]
-        model = self.catalogue[detail.obj_id]
-        if detail.detection is None or view.camera_matrix is None or model.keypoints is None or model.symmetries.axes:
-            return None
-        return Keypoints(model.keypoints, detail.detection.keypoints, detail.detection.std, view.camera_matrix)
-
-
-@dataclass(frozen=True, eq=False)
-class Keypoints:
-    """Keypoints of one estimate: object frame (k, 3), pixels (k, 2), their std (k, 2), and the camera matrix."""
-
-    points: FloatArray
-    pixels: FloatArray
-    std: FloatArray
-    camera_matrix: FloatArray
+        return keypoints_of(view.estimates[index], view.camera_matrix, self.catalogue)

@@ -13,6 +13,7 @@ from multicam.bundle.adjustment.scene import Body, Picture, Scene
 from multicam.bundle.problem import State
 from multicam.dataset.objects import Catalogue
 from multicam.geometry import se3
+from multicam.matching.keypoints import keypoints_of
 from multicam.matching.learned import NoiseModel
 from multicam.matching.linear import congruent, inverse
 from multicam.matching.noise import NoiseConfig
@@ -113,18 +114,13 @@ def _turns(observed: FloatArray, at: FloatArray, classes: Sequence[int], catalog
 def _keypoints(
     behind: Sequence[ObjectEstimate], matrices: Sequence[FloatArray], turn: FloatArray, catalogue: Catalogue
 ) -> EdgeKeypoints:
-    """What the detector saw of estimates (e,), for their twins.
-
-    Objects with a continuous symmetry keep their poses, whose covariances leave the turn open: their keypoints follow
-    whatever turn the detector chose in that picture.
-    """
+    """What the detector saw of estimates (e,), for their twins."""
     parts = [EdgeKeypoints.none()]
     for edge, (estimate, matrix) in enumerate(zip(behind, matrices, strict=True)):
-        model, seen = catalogue[estimate.obj_id], estimate.detection
-        if seen is None or model.keypoints is None or model.symmetries.axes:
-            continue
-        (usable,) = np.isfinite(np.hstack((seen.keypoints, seen.std))).all(axis=1).nonzero()
-        points = se3.act(se3.inverse(turn[edge]), model.keypoints[usable])
-        edges, intrinsics = np.full(len(usable), edge), np.tile(matrix, (len(usable), 1, 1))
-        parts.append(EdgeKeypoints(edges, points, seen.keypoints[usable], seen.std[usable], intrinsics))
+        seen = keypoints_of(estimate, matrix, catalogue)
+        if seen is not None:
+            count = len(seen.points)
+            points = se3.act(se3.inverse(turn[edge]), seen.points)
+            intrinsics = np.tile(seen.camera_matrix, (count, 1, 1))
+            parts.append(EdgeKeypoints(np.full(count, edge), points, seen.pixels, seen.std, intrinsics))
     return EdgeKeypoints.joined(parts)
