@@ -1,6 +1,6 @@
 """Kills a rendering run again and again, lets it finish, and compares it with one that was left alone.
 
-    python benchmarks/datagen_kill.py --kills 200 --models data/instruments/models --output /tmp/kill
+    python benchmarks/datagen_kill.py --kills 200 --models data/instruments/models --output data/kill
 
 Each kill is a SIGKILL at a random moment to the whole session, to the parent, to one worker or to one Blender. What
 must hold: no file but a temporary one is ever torn, a picture once labelled stays, nobody survives the parent, and in
