@@ -29,7 +29,7 @@ from multicam.dataset.objects import load_catalogue
 from multicam.evaluation.report import Cell, Column, Table
 from multicam.files import write_json, write_text
 from multicam.progress import RichProgress, SilentProgress
-from train.checkpoint import load_weights
+from train.checkpoint import load_views, load_weights
 from train.config import StageConfig, StagesConfig, TrainConfig
 from train.fit import fit
 from train.loader import ValidationSet
@@ -127,12 +127,14 @@ def run(train: TrainConfig) -> None:
 def judge(train: TrainConfig, regression: bool, weighted: bool) -> dict[str, float]:
     """Figures of a finished training on the whole validation split."""
     torch.set_num_threads(1)
-    config, _, weights = load_weights(train.output / "last")
+    checkpoint = train.output / "last"
+    config, _, weights = load_weights(checkpoint)
     detector = (Regression if regression else Detector)(config)
     detector.load_state_dict(weights)
     detector.eval()
     records = read_records(train.data.validation)
-    objects = prepare_objects(load_catalogue(train.data.models), records)
+    catalogue = load_catalogue(train.data.models)
+    objects = prepare_objects(catalogue, records, load_views(checkpoint, catalogue))
     dataset = ValidationSet(
         PictureStore(records, False, SilentProgress()), objects, train.network, train.minimum_visible
     )

@@ -113,7 +113,7 @@ def _is_mounted(group: Group, seen: dict[int, NDArray[np.float64]]) -> bool:
 def composed(records: Sequence[ImageRecord], catalogue: Catalogue) -> list[ImageArray]:
     """Rows of a picture, its alpha, its objects before another ground, and what the trainer makes of it."""
     config = load_config(TrainConfig, Path("configs/train/instruments.yaml"))
-    objects, store = prepare_objects(catalogue, records), PictureStore(records, False, SilentProgress(), True)
+    objects, store = prepare_objects(catalogue, records, {}), PictureStore(records, False, SilentProgress(), True)
     trained = TrainingSet(store, objects, config.network, config.augment, config.minimum_visible, 0)
     alphas = [read_mask(record.alpha_path) for record in records if record.alpha_path is not None]
     emptiest = int(np.argmin([alpha.mean() for alpha in alphas]))

@@ -1,17 +1,21 @@
 """Checkpoints: folders of safetensors and JSON that appear whole or not at all, and resume bit by bit.
 
 A checkpoint holds model.safetensors (raw weights), ema.safetensors (their moving average, the ones to use),
-training.safetensors (optimizer moments, random states), model.json, objects.json and state.json. Nothing is pickled.
+training.safetensors (optimizer moments, random states), model.json, objects.json, views.json (canonical views of the
+objects with symmetries) and state.json. Nothing is pickled.
 """
 
 from __future__ import annotations
 
+import logging
 import os
 import shutil
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
@@ -19,11 +23,14 @@ from torch import Tensor, nn
 
 from models.config import ModelConfig
 from multicam.config import from_mapping, to_mapping
-from multicam.dataset.objects import Catalogue
+from multicam.dataset.objects import Catalogue, ObjectModel
 from multicam.errors import DataError, ModelError
 from multicam.files import read_json, require_file, write_json
 from multicam.inference.metadata import objects_from_json, objects_to_json
+from multicam.types import FloatArray
 from train.optimizer import MovingAverage
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -54,6 +61,7 @@ def save_checkpoint(
     optimizer: torch.optim.Optimizer,
     config: ModelConfig,
     catalogue: Catalogue,
+    views: Mapping[int, FloatArray],
     state: RunState,
 ) -> None:
     """Writes a checkpoint folder beside `folder`, then puts it in its place."""
@@ -65,6 +73,7 @@ def save_checkpoint(
     save_file(_training_tensors(model, optimizer), new / "training.safetensors")
     write_json(new / "model.json", to_mapping(config), indent=1)
     write_json(new / "objects.json", objects_to_json(catalogue), indent=1)
+    write_json(new / "views.json", {str(obj_id): view.tolist() for obj_id, view in views.items()}, indent=1)
     write_json(new / "state.json", asdict(state), indent=1)
     for path in new.iterdir():
         with open(path, "rb") as stream:
@@ -92,15 +101,54 @@ def load_weights(folder: Path) -> tuple[ModelConfig, Catalogue, dict[str, Tensor
         DataError, ModelError: the folder is no checkpoint, or damaged.
     """
     find_checkpoint(folder)
-    config = load_model_config(folder)
-    objects = folder / "objects.json"
-    return config, objects_from_json(read_json(objects), str(objects)), _read_tensors(folder / "ema.safetensors")
+    return load_model_config(folder), _load_objects(folder), _read_tensors(folder / "ema.safetensors")
 
 
 def load_model_config(folder: Path) -> ModelConfig:
     """The network of a checkpoint."""
     path = folder / "model.json"
     return from_mapping(ModelConfig, read_json(path), str(path))
+
+
+def load_views(folder: Path, catalogue: Catalogue) -> dict[int, FloatArray]:
+    """Canonical views (3, 3), by obj_id, of those objects of a catalogue that the network of a checkpoint has learnt.
+
+    An object is known by its keypoints, not by its number: the other training may have counted otherwise.
+
+    Raises:
+        DataError, ModelError: the folder is no checkpoint, or damaged.
+    """
+    find_checkpoint(folder)
+    path = folder / "views.json"
+    if not path.is_file():
+        log.warning(
+            "%s has no views.json; labels of objects with symmetries may differ from what it has learnt", folder
+        )
+        return {}
+    theirs = _load_objects(folder)
+    try:
+        views = {
+            int(obj_id): np.array(rows, dtype=np.float64).reshape(3, 3) for obj_id, rows in read_json(path).items()
+        }
+        learnt = [(theirs[obj_id], view) for obj_id, view in views.items()]
+    except (AttributeError, TypeError, ValueError) as error:
+        raise DataError(f"{path} does not hold views as this program writes them: {error}.") from error
+    return {
+        obj_id: view
+        for obj_id, model in catalogue.objects.items()
+        for other, view in learnt
+        if model.symmetries and _same_keypoints(model, other)
+    }
+
+
+def _same_keypoints(model: ObjectModel, other: ObjectModel) -> bool:
+    ours, theirs = model.keypoints, other.keypoints
+    return ours is not None and theirs is not None and ours.shape == theirs.shape and np.allclose(ours, theirs)
+
+
+def _load_objects(folder: Path) -> Catalogue:
+    path = folder / "objects.json"
+    return objects_from_json(read_json(path), str(path))
 
 
 def load_state(folder: Path) -> RunState:

@@ -6,7 +6,7 @@ import logging
 import time
 import warnings
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,8 +19,9 @@ from multicam.config import save_config
 from multicam.dataset.objects import Catalogue, load_catalogue
 from multicam.errors import DataError, MulticamError
 from multicam.progress import Progress, SilentProgress
+from multicam.types import FloatArray
 from train.board import Board
-from train.checkpoint import RunState, find_checkpoint, restore, save_checkpoint, take_over
+from train.checkpoint import RunState, find_checkpoint, load_views, restore, save_checkpoint, take_over
 from train.config import StageConfig, TrainConfig
 from train.criterion import criterion, total
 from train.distributed import Group, StopSignal, process_group
@@ -49,7 +50,7 @@ def fit(config: TrainConfig, progress: Progress | None = None) -> RunState:
     with process_group(config.device) as group, StopSignal().watching() as stop:
         if config.threads:
             torch.set_num_threads(config.threads)
-        run = Run(config, group, progress if progress and group.leads else SilentProgress())
+        run = Run(config, group, progress if progress and group.leads else SilentProgress(), last or config.initial)
         if last:
             run.resume(last)
         elif config.initial:
@@ -73,9 +74,9 @@ class Learner(nn.Module):
 
 
 class Run:
-    """All that changes during a run."""
+    """All that changes during a run, which learns by the canonical views of the checkpoint it begins with, if any."""
 
-    def __init__(self, config: TrainConfig, group: Group, progress: Progress) -> None:
+    def __init__(self, config: TrainConfig, group: Group, progress: Progress, checkpoint: Path | None = None) -> None:
         self.config, self.group, self.progress = config, group, progress
         self.catalogue = load_catalogue(config.data.models)
         self.model_config = config.network.model_config(self.catalogue)
@@ -86,7 +87,8 @@ class Run:
             share_norms(self.detector)
         self.parameters = list(self.detector.parameters())
         self.optimizer = build_optimizer(self.detector, config.weight_decay)
-        self.dataset, self.validation, self.objects = _datasets(config, self.catalogue, progress)
+        learnt = load_views(checkpoint, self.catalogue) if checkpoint else {}
+        self.dataset, self.validation, self.objects = _datasets(config, self.catalogue, learnt, progress)
         self.sampler = EpochSampler(len(self.dataset), config.batch_size, config.seed, group.rank, group.processes)
         self.state = RunState(0, 0, config.network.input_width, config.network.input_height)
 
@@ -224,16 +226,17 @@ class Run:
                 self.optimizer,
                 self.model_config,
                 self.catalogue,
+                {one.model.obj_id: one.canonical.view for one in self.objects if one.model.symmetries},
                 self.state,
             )
 
 
 def _datasets(
-    config: TrainConfig, catalogue: Catalogue, progress: Progress
+    config: TrainConfig, catalogue: Catalogue, learnt: Mapping[int, FloatArray], progress: Progress
 ) -> tuple[TrainingSet, ValidationSet, Sequence[TrainedObject]]:
     records = read_records(config.data.train)
     held_out = read_records(config.data.validation)
-    objects = prepare_objects(catalogue, [*records, *held_out])
+    objects = prepare_objects(catalogue, [*records, *held_out], learnt)
     network, minimum = config.network, config.minimum_visible
     store = PictureStore(records, config.data.cache, progress, with_instances=config.augment.pasted > 0)
     train = TrainingSet(store, objects, network, config.augment, minimum, config.seed)

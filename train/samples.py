@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -137,8 +137,15 @@ def read_records(splits: Sequence[Path]) -> list[ImageRecord]:
     return usable
 
 
-def prepare_objects(catalogue: Catalogue, records: Sequence[ImageRecord]) -> dict[int, TrainedObject]:
+def prepare_objects(
+    catalogue: Catalogue, records: Sequence[ImageRecord], learnt: Mapping[int, FloatArray]
+) -> dict[int, TrainedObject]:
     """Loads outlines of the meshes and chooses canonical views from the poses in the records.
+
+    Args:
+        catalogue: the classes.
+        records: with the poses to learn from.
+        learnt: (3, 3) views by obj_id that the network has learnt already (`load_views`); these are kept.
 
     Raises:
         DataError: an object of the records is not in the catalogue, or lacks mesh or keypoints.
@@ -153,7 +160,7 @@ def prepare_objects(catalogue: Catalogue, records: Sequence[ImageRecord]) -> dic
         if model.keypoints is None:
             raise DataError(f"object {obj_id} ({model.name}) has no keypoints; write keypoints.json.")
         mesh = model.load_mesh()
-        view = canonical_view(model, np.array(poses[obj_id]).reshape(-1, 4, 4))
+        view = canonical_view(model, np.array(poses[obj_id]).reshape(-1, 4, 4), learnt.get(obj_id))
         surface = mesh.sample_surface(_SURFACE_SAMPLES, np.random.default_rng(0))
         outline = outline_points(mesh.vertices)
         objects[obj_id] = TrainedObject(index, model, model.keypoints, outline, surface, view)

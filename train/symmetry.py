@@ -43,13 +43,20 @@ class CanonicalView:
         return camera_from_object @ self.symmetries.closest(target, seen, extent=np.inf)
 
 
-def canonical_view(model: ObjectModel, camera_from_objects: FloatArray) -> CanonicalView:
-    """Chooses the canonical view: of the training poses (N, 4, 4), the most central one up to symmetry.
+def canonical_view(
+    model: ObjectModel, camera_from_objects: FloatArray, learnt: FloatArray | None = None
+) -> CanonicalView:
+    """The canonical view: of the training poses (N, 4, 4), the most central one up to symmetry.
+
+    A network that learnt by a view goes on with it, for another one would turn its labels about: `learnt` (3, 3), if
+    given, is taken as it is.
 
     Labels jump where two equivalent poses are equally far from the canonical view. The most central view (least mean
     of fourth powers of the chordal distance) keeps these places away from where the pictures are.
     """
     centre = invariant_centre(model)
+    if learnt is not None:
+        return CanonicalView(model.symmetries, centre, learnt)
     if not model.symmetries or not len(camera_from_objects):
         return CanonicalView(model.symmetries, centre, np.eye(3))
     chosen = np.unique(np.linspace(0, len(camera_from_objects) - 1, _SAMPLES).astype(int))

@@ -72,7 +72,7 @@ def checkpoint(tmp_path_factory: pytest.TempPathFactory, detector: Detector, mod
 def write_checkpoint(folder: Path, detector: Detector, config: ModelConfig, catalogue: Catalogue) -> Path:
     optimizer = torch.optim.AdamW(detector.parameters())
     state = RunState(epoch=3, step=0, input_width=WIDTH, input_height=HEIGHT, metrics={"add_0.1d": 0.25})
-    save_checkpoint(folder, detector, MovingAverage(detector, 0.999), optimizer, config, catalogue, state)
+    save_checkpoint(folder, detector, MovingAverage(detector, 0.999), optimizer, config, catalogue, {}, state)
     return folder
 
 

@@ -1,16 +1,31 @@
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 
 from models.config import ModelConfig
 from models.detector import Detector
+from multicam.dataset.objects import Catalogue
 from multicam.errors import DataError, ModelError, MulticamError
+from multicam.geometry import so3
+from multicam.geometry.symmetry import Symmetries
 from tests.train.toy_pictures import toy_objects
-from train.checkpoint import RunState, find_checkpoint, load_state, load_weights, restore, save_checkpoint, take_over
+from train.checkpoint import (
+    RunState,
+    find_checkpoint,
+    load_state,
+    load_views,
+    load_weights,
+    restore,
+    save_checkpoint,
+    take_over,
+)
 from train.optimizer import MovingAverage, build_optimizer
 
 CONFIG = ModelConfig(2, "nano", bins=16)
+VIEWS = {5: so3.exp(np.array([0.3, -0.2, 0.9]))}
 
 
 def fresh(seed: int = 0, config: ModelConfig = CONFIG) -> tuple[Detector, MovingAverage, torch.optim.AdamW]:
@@ -30,7 +45,7 @@ def step(detector: Detector, average: MovingAverage, optimizer: torch.optim.Adam
 
 
 def save(folder: Path, run: tuple[Detector, MovingAverage, torch.optim.AdamW], state: RunState) -> None:
-    save_checkpoint(folder, *run, CONFIG, toy_objects()[0], state)
+    save_checkpoint(folder, *run, CONFIG, toy_objects()[0], VIEWS, state)
 
 
 def test_a_restored_run_continues_bit_by_bit(tmp_path: Path) -> None:
@@ -73,6 +88,36 @@ def test_a_training_begins_with_the_averaged_weights_of_one_with_other_classes(t
         assert torch.equal(other.state_dict()[name], before[name] if name in new else tensor), name
 
 
+def test_views_are_those_of_the_objects_that_the_other_training_knew(tmp_path: Path) -> None:
+    folder = tmp_path / "last"
+    save(folder, fresh(), RunState(0, 1, 64, 64))
+    catalogue, _ = toy_objects()
+    brick, plate = catalogue[2], catalogue[5]
+    assert plate.keypoints is not None
+    # Numbers may differ between trainings; the keypoints say which object it is.
+    renamed = Catalogue({1: replace(plate, obj_id=1), 5: replace(brick, obj_id=5, symmetries=plate.symmetries)})
+    views = load_views(folder, renamed)
+    assert list(views) == [1] and np.array_equal(views[1], VIEWS[5])
+    moved = Catalogue({5: replace(plate, keypoints=plate.keypoints + 0.001)})
+    plain = Catalogue({5: replace(plate, symmetries=Symmetries())})
+    assert load_views(folder, moved) == {} and load_views(folder, plain) == {}
+
+
+def test_a_checkpoint_without_views_says_what_may_follow(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    save(tmp_path / "last", fresh(), RunState(0, 1, 64, 64))
+    (tmp_path / "last" / "views.json").unlink()
+    assert load_views(tmp_path / "last", toy_objects()[0]) == {}
+    assert "labels of objects with symmetries may differ" in caplog.text
+
+
+@pytest.mark.parametrize("text", ["[1]", '{"5": [1, 2]}', '{"x": []}', '{"5": "no"}'])
+def test_damaged_views_are_named(tmp_path: Path, text: str) -> None:
+    save(tmp_path / "last", fresh(), RunState(0, 1, 64, 64))
+    (tmp_path / "last" / "views.json").write_text(text)
+    with pytest.raises(DataError, match=r"views\.json"):
+        load_views(tmp_path / "last", toy_objects()[0])
+
+
 def test_weights_of_another_size_are_refused(tmp_path: Path) -> None:
     save(tmp_path / "last", fresh(), RunState(0, 1, 64, 64))
     with pytest.raises(ModelError, match=r"holds a nano network.*only \d+% of the network") as refused:
@@ -92,6 +137,7 @@ def test_nothing_in_a_checkpoint_is_pickled(tmp_path: Path) -> None:
         "model.json",
         "objects.json",
         "state.json",
+        "views.json",
     }
 
 

@@ -9,6 +9,7 @@ import torch
 from safetensors.torch import load_file
 
 from multicam.errors import ConfigError
+from multicam.files import read_json
 from multicam.progress import SilentProgress
 from tests.train.toy_pictures import write_toy_dataset
 from train.config import DataConfig, NetworkConfig, StageConfig, StagesConfig, TrainConfig
@@ -58,6 +59,22 @@ def test_a_run_begins_with_the_weights_of_another_and_resumes_with_its_own(confi
     longer = replace(third.stages, second=replace(third.stages.first))
     fit(replace(third, resume=True, initial=config.output / "last", stages=longer))
     assert furthest(there, weights(third.output / "last")) < 1e-6
+
+
+def test_labels_of_symmetric_objects_stay_what_the_network_has_learnt(config: TrainConfig, tmp_path: Path) -> None:
+    fit(config)
+    first = read_json(config.output / "last" / "views.json")
+    assert list(first) == ["5"]
+    write_toy_dataset(tmp_path / "more", 3, seed=4)
+    other = replace(config.data, train=(tmp_path / "more" / "train",))
+    alone = replace(config, output=tmp_path / "alone", data=other)
+    fit(alone)
+    assert read_json(alone.output / "last" / "views.json") != first, "the other poses have another view amid them"
+    fit(replace(alone, output=tmp_path / "second", initial=config.output / "last"))
+    assert read_json(tmp_path / "second" / "last" / "views.json") == first
+    longer = replace(config.stages, second=config.stages.first)
+    fit(replace(config, data=other, resume=True, stages=longer))
+    assert read_json(config.output / "last" / "views.json") == first
 
 
 @pytest.fixture
