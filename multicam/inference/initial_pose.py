@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from functools import cache
 from itertools import combinations
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from multicam.geometry import se3
+from multicam.inference.layout import normal
 from multicam.types import FloatArray
 
 _NO_CAMERA = np.eye(3)
@@ -16,7 +19,10 @@ _LEAST_SPREAD = 1.1e-5
 """Variance of the normalized image points below which OpenCV's SQPnP refuses: objects of about a degree."""
 
 _MAX_SAMPLES = 60
-"""Triples tried; all 56 of 8 keypoints, an even selection of more."""
+"""Triples there are to be tried; all 56 of 8 keypoints, an even selection of more."""
+
+_PARTS = 4
+"""Turns in which they are tried."""
 
 
 def closed_form(points: FloatArray, normalized: FloatArray) -> FloatArray:
@@ -37,17 +43,24 @@ def closed_form(points: FloatArray, normalized: FloatArray) -> FloatArray:
     return _transforms(rotations, translations)
 
 
-def minimal_samples(points: FloatArray, normalized: FloatArray) -> FloatArray:
-    """Poses of triples of keypoints by P3P (Ke and Roumeliotis 2017); up to four of each.
+@cache
+def sample_turns(count: int) -> tuple[NDArray[np.int64], ...]:
+    """Triples of `count` keypoints (m, 3), in the turns in which to try them, each an even selection.
 
     All triples of few keypoints are taken, an even selection of many, so the answer needs no randomness.
-
-    Returns:
-        (m, 4, 4) camera_from_object, m >= 0.
     """
-    triples = np.array(list(combinations(range(len(points)), 3)))
+    triples = np.array(list(combinations(range(count), 3)))
     if len(triples) > _MAX_SAMPLES:
         triples = triples[np.linspace(0, len(triples) - 1, _MAX_SAMPLES).astype(int)]
+    return tuple(triples[first::_PARTS] for first in range(_PARTS))
+
+
+def minimal_samples(points: FloatArray, normalized: FloatArray, triples: NDArray[np.int64]) -> FloatArray:
+    """Poses of triples (m, 3) of keypoints by P3P (Ke and Roumeliotis 2017).
+
+    Returns:
+        (s, 4, 4) camera_from_object, up to four of each triple.
+    """
     rotations: list[object] = []
     translations: list[object] = []
     for triple in triples:
@@ -67,10 +80,9 @@ def reversed_twin(camera_from_object: FloatArray, points: FloatArray) -> FloatAr
         (4, 4).
     """
     centre = points.mean(0)
-    normal = np.linalg.svd(points - centre)[2][2]
     centre_in_camera = se3.act(camera_from_object, centre)
     sight = centre_in_camera / np.linalg.norm(centre_in_camera)
-    rotation = _mirror(sight) @ camera_from_object[:3, :3] @ _mirror(normal)
+    rotation = _mirror(sight) @ camera_from_object[:3, :3] @ _mirror(normal(points))
     return se3.from_parts(rotation, centre_in_camera - rotation @ centre)
 
 

@@ -10,12 +10,9 @@ from numpy.typing import NDArray
 
 from multicam.geometry import se3
 from multicam.geometry.camera import Camera
-from multicam.inference import reprojection
-from multicam.inference.initial_pose import closed_form, minimal_samples, reversed_twin
+from multicam.inference import layout, reprojection
+from multicam.inference.initial_pose import closed_form, minimal_samples, reversed_twin, sample_turns
 from multicam.types import FloatArray
-
-_COLLINEAR = 1e-3
-"""Ratio of the second to the first principal extent below which points are a line; thin rods have 1e-2."""
 
 _LARGEST_ROTATION_VARIANCE = np.pi**2 / 3
 """Variance of an angle of which nothing is known; bounds the covariance where the keypoints show no roll."""
@@ -25,6 +22,9 @@ _SINGULAR = 1e-10
 
 _SAME_POSE = 0.1
 """Radians between two minima that count as one."""
+
+_MISSED = 1e-3
+"""Probability that all samples so far have had a wrong keypoint at which sampling ends (Fischler and Bolles 1981)."""
 
 _REFINED_HYPOTHESES = 5
 _REFINEMENT_ROUNDS = 3
@@ -160,19 +160,17 @@ def solve_pnp(
     visible = float(visibility.sum())
     if visible < config.min_visible:
         return PnpRefusal(f"{visible:.1f} keypoints are expected to be visible; {config.min_visible:g} are needed")
-    if _collinear(keypoints_in_object[usable]):
+    points = np.ascontiguousarray(keypoints_in_object[usable], dtype=np.float64)
+    if layout.collinear(points):
         return PnpRefusal("the usable keypoints lie on one line of the object, which leaves its pose open")
     rays = camera.unproject(keypoints[usable])
     normalized, pixels = np.ascontiguousarray(rays[:, :2]), camera.without_distortion().project(rays)
     sigma = np.maximum(std[usable], config.std_floor)
-    extent = _extent(pixels)
-    if extent <= np.median(sigma):
-        return PnpRefusal(
-            f"the keypoints span {extent:.1f} px, no more than their uncertainty of {np.median(sigma):.1f} px"
-        )
+    extent, uncertainty = layout.extent(pixels), float(np.median(sigma))
+    if extent <= uncertainty:
+        return PnpRefusal(f"the keypoints span {extent:.1f} px, no more than their uncertainty of {uncertainty:.1f} px")
     tolerance = max(config.max_error_px, config.max_error_fraction * extent)
     limits = np.maximum(config.inlier_sigma, tolerance / np.sqrt(sigma.prod(axis=1)))
-    points = np.ascontiguousarray(keypoints_in_object[usable], dtype=np.float64)
     problem = _Problem(points, normalized, pixels, sigma, limits, camera.matrix, config.huber)
 
     pose = _robust_pose(problem)
@@ -182,9 +180,10 @@ def solve_pnp(
     if inliers.sum() < config.min_inliers:
         return PnpRefusal(f"only {inliers.sum()} of {total} keypoints agree with one pose; {needed} are needed")
     chosen = problem.subset(inliers)
-    if _collinear(chosen.points):
+    if layout.collinear(chosen.points):
         return PnpRefusal("the keypoints that agree lie on one line of the object, which leaves its pose open")
-    agreeing = np.isin(np.arange(total), usable[inliers])
+    agreeing = np.zeros(total, dtype=np.bool_)
+    agreeing[usable[inliers]] = True
     return _describe(chosen, pose, agreeing, tolerance, config)
 
 
@@ -195,12 +194,26 @@ def _robust_pose(problem: _Problem) -> FloatArray | None:
     if any(problem.inliers(pose).all() for pose in refined):
         return _best(problem, np.array(refined))
     # A single gross error drags a least squares pose along, however robust its kernel.
-    samples = minimal_samples(problem.points, problem.normalized)
-    candidates = np.concatenate((np.reshape(refined, (-1, 4, 4)), samples))
+    candidates = np.concatenate((np.reshape(refined, (-1, 4, 4)), _consensus(problem)))
     order = np.argsort(problem.truncated_costs(candidates))[:_REFINED_HYPOTHESES]
-    hypotheses = [_refit(problem, candidates[index]) for index in order]
+    # Samples of the same right keypoints choose the same inliers: one of them is enough.
+    best = {problem.inliers(candidates[index]).tobytes(): candidates[index] for index in reversed(order)}
+    hypotheses = [_refit(problem, candidate) for candidate in best.values()]
     in_front = [pose for pose in hypotheses if np.isfinite(problem.norms(pose)).all()]
     return _best(problem, np.array(in_front)) if in_front else None
+
+
+def _consensus(problem: _Problem) -> FloatArray:
+    """Poses (m, 4, 4) of minimal samples, until all of one's keypoints being right would have been likely by now."""
+    found, tried = np.zeros((0, 4, 4)), 0
+    for triples in sample_turns(len(problem.points)):
+        found = np.concatenate((found, minimal_samples(problem.points, problem.normalized, triples)))
+        tried += len(triples)
+        if len(found):
+            right = problem.inliers(_best(problem, found)).mean()
+            if (1 - right**3) ** tried < _MISSED:
+                break
+    return found
 
 
 def _refit(problem: _Problem, pose: FloatArray) -> FloatArray:
@@ -260,13 +273,3 @@ def _inverse(precision: FloatArray) -> FloatArray | None:
     half = scale[:, None] * vectors / np.sqrt(values)
     covariance = half @ half.T
     return (covariance + covariance.T) / 2
-
-
-def _collinear(points: FloatArray) -> bool:
-    extents = np.linalg.svd(points - points.mean(0), compute_uv=False)
-    return bool(extents[1] <= _COLLINEAR * extents[0])
-
-
-def _extent(pixels: FloatArray) -> float:
-    """About the diagonal of the keypoints' box, blind to a few gross errors."""
-    return 3 * float(np.median(np.linalg.norm(pixels - np.median(pixels, axis=0), axis=1)))
