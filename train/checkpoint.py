@@ -119,13 +119,13 @@ def load_views(folder: Path, catalogue: Catalogue) -> dict[int, FloatArray]:
         DataError, ModelError: the folder is no checkpoint, or damaged.
     """
     find_checkpoint(folder)
+    theirs = _load_objects(folder)
     path = folder / "views.json"
     if not path.is_file():
         log.warning(
             "%s has no views.json; labels of objects with symmetries may differ from what it has learnt", folder
         )
         return {}
-    theirs = _load_objects(folder)
     try:
         views = {
             int(obj_id): np.array(rows, dtype=np.float64).reshape(3, 3) for obj_id, rows in read_json(path).items()

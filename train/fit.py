@@ -226,7 +226,7 @@ class Run:
                 self.optimizer,
                 self.model_config,
                 self.catalogue,
-                {one.model.obj_id: one.canonical.view for one in self.objects if one.model.symmetries},
+                {one.model.obj_id: view for one in self.objects if (view := one.canonical.view) is not None},
                 self.state,
             )
 

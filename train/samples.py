@@ -17,7 +17,7 @@ from multicam.errors import DataError
 from multicam.geometry import se3
 from multicam.progress import Progress
 from multicam.types import FloatArray, ImageArray
-from train.symmetry import CanonicalView, canonical_view
+from train.symmetry import CanonicalView, canonical_view, invariant_centre
 
 _OUTLINE_DIRECTIONS = 256
 _SURFACE_SAMPLES = 500
@@ -145,7 +145,8 @@ def prepare_objects(
     Args:
         catalogue: the classes.
         records: with the poses to learn from.
-        learnt: (3, 3) views by obj_id that the network has learnt already (`load_views`); these are kept.
+        learnt: (3, 3) views by obj_id that the network has learnt already (`load_views`); these are kept, for others
+            would turn its labels about.
 
     Raises:
         DataError: an object of the records is not in the catalogue, or lacks mesh or keypoints.
@@ -160,7 +161,10 @@ def prepare_objects(
         if model.keypoints is None:
             raise DataError(f"object {obj_id} ({model.name}) has no keypoints; write keypoints.json.")
         mesh = model.load_mesh()
-        view = canonical_view(model, np.array(poses[obj_id]).reshape(-1, 4, 4), learnt.get(obj_id))
+        if obj_id in learnt:
+            view = CanonicalView(model.symmetries, invariant_centre(model), learnt[obj_id])
+        else:
+            view = canonical_view(model, np.array(poses[obj_id]).reshape(-1, 4, 4))
         surface = mesh.sample_surface(_SURFACE_SAMPLES, np.random.default_rng(0))
         outline = outline_points(mesh.vertices)
         objects[obj_id] = TrainedObject(index, model, model.keypoints, outline, surface, view)

@@ -26,39 +26,39 @@ class CanonicalView:
     Attributes:
         symmetries: of the object.
         centre: (3,) point of the object that no symmetry moves, metres.
-        view: (3, 3) rotation of the object in its canonical view.
+        view: (3, 3) rotation of the object in its canonical view; None where there is nothing to choose, for want of
+            symmetries or of pictures.
     """
 
     symmetries: Symmetries
     centre: FloatArray
-    view: FloatArray
+    view: FloatArray | None
 
     def canonical(self, camera_from_object: FloatArray) -> FloatArray:
-        """The canonical one (N, 4, 4) among the poses equivalent to each of (N, 4, 4)."""
+        """The canonical one (N, 4, 4) among the poses equivalent to each of (N, 4, 4).
+
+        Raises:
+            ValueError: the object has symmetries, but no view was chosen.
+        """
         if not self.symmetries:
             return camera_from_object
+        if self.view is None:
+            raise ValueError("no canonical view was chosen, for no picture showed the object")
         seen = se3.from_parts(allocentric(camera_from_object, self.centre), np.zeros((len(camera_from_object), 3)))
         target = se3.from_parts(self.view, np.zeros(3))
         # An infinite extent leaves translation out: offsets of symmetry axes say nothing about rotation.
         return camera_from_object @ self.symmetries.closest(target, seen, extent=np.inf)
 
 
-def canonical_view(
-    model: ObjectModel, camera_from_objects: FloatArray, learnt: FloatArray | None = None
-) -> CanonicalView:
+def canonical_view(model: ObjectModel, camera_from_objects: FloatArray) -> CanonicalView:
     """The canonical view: of the training poses (N, 4, 4), the most central one up to symmetry.
-
-    A network that learnt by a view goes on with it, for another one would turn its labels about: `learnt` (3, 3), if
-    given, is taken as it is.
 
     Labels jump where two equivalent poses are equally far from the canonical view. The most central view (least mean
     of fourth powers of the chordal distance) keeps these places away from where the pictures are.
     """
     centre = invariant_centre(model)
-    if learnt is not None:
-        return CanonicalView(model.symmetries, centre, learnt)
     if not model.symmetries or not len(camera_from_objects):
-        return CanonicalView(model.symmetries, centre, np.eye(3))
+        return CanonicalView(model.symmetries, centre, None)
     chosen = np.unique(np.linspace(0, len(camera_from_objects) - 1, _SAMPLES).astype(int))
     views = allocentric(camera_from_objects[chosen], centre)
     turns = model.symmetries.transforms()[:, :3, :3]

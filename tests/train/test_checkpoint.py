@@ -107,6 +107,9 @@ def test_a_checkpoint_without_views_says_what_may_follow(tmp_path: Path, caplog:
     save(tmp_path / "last", fresh(), RunState(0, 1, 64, 64))
     (tmp_path / "last" / "views.json").unlink()
     assert load_views(tmp_path / "last", toy_objects()[0]) == {}
+    with pytest.raises(DataError, match=r"objects\.json"):
+        load_views(tmp_path / "nowhere", toy_objects()[0])
+    assert caplog.text.count("views.json") == 1, "of a folder that is no checkpoint the views are not what is missing"
     assert "labels of objects with symmetries may differ" in caplog.text
 
 

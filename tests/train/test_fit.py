@@ -8,6 +8,7 @@ import pytest
 import torch
 from safetensors.torch import load_file
 
+from multicam.dataset.objects import load_catalogue
 from multicam.errors import ConfigError
 from multicam.files import read_json
 from multicam.progress import SilentProgress
@@ -15,6 +16,7 @@ from tests.train.toy_pictures import write_toy_dataset
 from train.config import DataConfig, NetworkConfig, StageConfig, StagesConfig, TrainConfig
 from train.distributed import process_group
 from train.fit import Run, fit
+from train.samples import prepare_objects
 from train.validate import Prediction
 
 
@@ -59,6 +61,13 @@ def test_a_run_begins_with_the_weights_of_another_and_resumes_with_its_own(confi
     longer = replace(third.stages, second=replace(third.stages.first))
     fit(replace(third, resume=True, initial=config.output / "last", stages=longer))
     assert furthest(there, weights(third.output / "last")) < 1e-6
+
+
+def test_a_view_that_no_picture_shows_is_not_kept_as_learnt(config: TrainConfig) -> None:
+    catalogue = load_catalogue(config.data.models)
+    assert all(one.canonical.view is None for one in prepare_objects(catalogue, [], {}).values())
+    known = prepare_objects(catalogue, [], {5: np.eye(3)})
+    assert [obj_id for obj_id, one in known.items() if one.canonical.view is not None] == [5]
 
 
 def test_labels_of_symmetric_objects_stay_what_the_network_has_learnt(config: TrainConfig, tmp_path: Path) -> None:

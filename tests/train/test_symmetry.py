@@ -108,6 +108,13 @@ def test_an_object_without_symmetry_keeps_its_pose() -> None:
     assert canonical_view(model("none"), poses).canonical(poses) is poses
 
 
+def test_an_object_of_which_there_is_no_picture_has_no_canonical_view() -> None:
+    unseen = canonical_view(model("round"), np.empty((0, 4, 4)))
+    assert unseen.view is None
+    with pytest.raises(ValueError, match="no picture"):
+        unseen.canonical(poses_before_camera(np.random.default_rng(0), 1))
+
+
 def _least_rotation(direction: np.ndarray) -> np.ndarray:
     axis = np.cross([0, 0, 1.0], direction)
     angle = np.arctan2(np.linalg.norm(axis), direction[2])
