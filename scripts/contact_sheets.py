@@ -122,7 +122,7 @@ def composed(records: Sequence[ImageRecord], catalogue: Catalogue) -> list[Image
     tiles: list[ImageArray] = []
     for index in spread(range(len(records)), 6):
         image, alpha = picture_of(records[index]), alphas[index]
-        pasted, labels = trained[0, index, True]
+        pasted, labels = trained[0, index, config.stages.first]
         for box, points, visible in zip(labels.boxes, labels.keypoints, labels.visible, strict=True):
             (x0, y0), (x1, y1) = np.rint(box).astype(int).reshape(2, 2).tolist()
             cv2.rectangle(pasted, (x0, y0), (x1, y1), COLORS[1], 1)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from random import Random
+from typing import NamedTuple
 
 import albumentations as A
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
 from multicam.image import PADDING, Letterbox
@@ -19,11 +21,32 @@ from train.samples import Labels, Picture, Region
 _WHOLE = 0.99
 """Share from which a pixel shows an object and nothing else."""
 
-_MOSAIC_SCALE = (0.5, 1.0)
-"""Least and greatest zoom of the four parts of a mosaic."""
-
 Labeller = Callable[[Picture, FloatArray, Region], Labels]
 """Labels of a picture drawn by an affine map into a region of the input."""
+
+
+class Zoom(NamedTuple):
+    """Pixels into which a picture is fitted, and by how much, at least and at most, it is zoomed then."""
+
+    width: int
+    height: int
+    least: float
+    greatest: float
+
+
+@dataclass(frozen=True, eq=False)
+class Canvas:
+    """What the network will see.
+
+    Attributes:
+        image: (h, w, 3).
+        instances: (h, w) place (`Labels.places`), from 1, of the instance that a pixel shows, 0 for none; None if the
+            pictures do not know theirs.
+    """
+
+    image: ImageArray
+    labels: Labels
+    instances: NDArray[np.uint16] | None
 
 
 def letterboxed(picture: Picture, width: int, height: int, label: Labeller) -> tuple[ImageArray, Labels]:
@@ -34,21 +57,22 @@ def letterboxed(picture: Picture, width: int, height: int, label: Labeller) -> t
 
 def warped(
     picture: Picture, width: int, height: int, config: AugmentConfig, rng: np.random.Generator, label: Labeller
-) -> tuple[ImageArray, Labels]:
+) -> Canvas:
     """One picture turned, zoomed, shifted and sheared at random."""
     whole = Region(0, 0, width, height)
-    affine = random_affine(picture, whole, (width, height), config, config.scale, rng)
-    return draw(picture.image, affine, whole), label(picture, affine, whole)
+    affine = random_affine(picture, whole, Zoom(width, height, *config.scale), config, rng)
+    return Canvas(draw(picture.image, affine, whole), label(picture, affine, whole), _instances(picture, affine, whole))
 
 
 def mosaic(
-    pictures: list[Picture],
+    pictures: Sequence[Picture],
     width: int,
     height: int,
+    zoom: Zoom,
     config: AugmentConfig,
     rng: np.random.Generator,
     label: Labeller,
-) -> tuple[ImageArray, Labels]:
+) -> Canvas:
     """Four pictures around a random corner, each with a warp and hence a camera matrix of its own."""
     x, y = int(width * rng.uniform(0.3, 0.7)), int(height * rng.uniform(0.3, 0.7))
     regions = (
@@ -57,13 +81,22 @@ def mosaic(
         Region(0, y, x, height),
         Region(x, y, width, height),
     )
-    canvas = np.empty((height, width, 3), dtype=np.uint8)
+    image = np.empty((height, width, 3), dtype=np.uint8)
+    instances = np.zeros((height, width), dtype=np.uint16)
     parts: list[Labels] = []
+    before = 0
     for picture, region in zip(pictures, regions, strict=True):
-        affine = random_affine(picture, region, (width, height), config, _MOSAIC_SCALE, rng)
-        canvas[region.top : region.bottom, region.left : region.right] = draw(picture.image, affine, region)
-        parts.append(label(picture, affine, region))
-    return canvas, Labels.joined(parts)
+        affine = random_affine(picture, region, zoom, config, rng)
+        part = np.s_[region.top : region.bottom, region.left : region.right]
+        image[part] = draw(picture.image, affine, region)
+        shown = _instances(picture, affine, region)
+        if shown is not None:
+            instances[part] = np.where(shown > 0, shown + before, 0)
+        labels = label(picture, affine, region)
+        parts.append(replace(labels, places=labels.places + before))
+        before += len(picture.record.instances)
+    known = all(picture.instances is not None for picture in pictures)
+    return Canvas(image, Labels.joined(parts), instances if known else None)
 
 
 def cutout(image: ImageArray, labels: Labels, donor: ImageArray, rng: np.random.Generator) -> tuple[ImageArray, Labels]:
@@ -120,25 +153,19 @@ class Photometry:
 def random_affine(
     picture: Picture,
     region: Region,
-    size: tuple[int, int],
+    zoom: Zoom,
     config: AugmentConfig,
-    scale: tuple[float, float],
     rng: np.random.Generator,
 ) -> FloatArray:
-    """(3, 3) map of the picture's pixels that brings its centre near the region's centre.
-
-    Args:
-        size: width and height of the canvas, into which the picture fits at a scale of 1.
-        scale: least and greatest.
-    """
+    """(3, 3) map of the picture's pixels that brings its centre near the region's centre."""
     height, width = picture.image.shape[:2]
-    zoom = Letterbox.fit(width, height, *size).scale * rng.uniform(*scale)
+    scale = Letterbox.fit(width, height, zoom.width, zoom.height).scale * rng.uniform(zoom.least, zoom.greatest)
     region_width, region_height = region.right - region.left, region.bottom - region.top
     angle = np.deg2rad(rng.uniform(-config.rotate_deg, config.rotate_deg))
     shear = np.tan(np.deg2rad(rng.uniform(-config.shear_deg, config.shear_deg)))
     shift = rng.uniform(-config.shift, config.shift, 2) * (region_width, region_height)
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    linear = zoom * turn @ np.array([[1, shear], [0, 1]])
+    linear = scale * turn @ np.array([[1, shear], [0, 1]])
     source = np.array([width - 1, height - 1]) / 2
     target = np.array([region.left + region.right - 1, region.top + region.bottom - 1]) / 2 + shift
     affine = np.eye(3)
@@ -149,7 +176,18 @@ def random_affine(
 
 def draw(image: ImageArray, affine: FloatArray, region: Region) -> ImageArray:
     """The region's part of the warped picture."""
+    return cv2.warpAffine(image, *_within(affine, region), flags=cv2.INTER_LINEAR, borderValue=(PADDING,) * 3)
+
+
+def _instances(picture: Picture, affine: FloatArray, region: Region) -> NDArray[np.uint16] | None:
+    """Which instance each pixel of the region shows, as `Picture.instances`."""
+    if picture.instances is None:
+        return None
+    return cv2.warpAffine(picture.instances, *_within(affine, region), flags=cv2.INTER_NEAREST).astype(np.uint16)
+
+
+def _within(affine: FloatArray, region: Region) -> tuple[FloatArray, tuple[int, int]]:
+    """The map (2, 3) to pixels of the region, and the region's width and height."""
     local = affine[:2].copy()
     local[:, 2] -= (region.left, region.top)
-    size = (region.right - region.left, region.bottom - region.top)
-    return cv2.warpAffine(image, local, size, flags=cv2.INTER_LINEAR, borderValue=(PADDING,) * 3)
+    return local, (region.right - region.left, region.bottom - region.top)

@@ -13,6 +13,7 @@ import torch
 
 from models.config import Size
 from models.dcc import ENLARGEMENT
+from train.config import WINDOWS
 
 _GRID = 32
 _LEAST_SIDE = 32.0
@@ -82,6 +83,11 @@ class Pictures:
     rendered: bool
     window: float = 1.0
 
+    @property
+    def together(self) -> int:
+        """How many are put together to one picture in training."""
+        return 1 if self.window == 1 else WINDOWS
+
 
 def choose_size(classes: int, machine: Machine) -> tuple[Size, str]:
     """Depth and width of the network."""
@@ -136,13 +142,16 @@ def choose_bins(pictures: Pictures, width: int) -> tuple[int, str]:
     return bins, f"{bins} bins: {side / bins:.1f} pixels each on large objects."
 
 
-def choose_batch(size: Size, area: int, pictures: int, machine: Machine) -> tuple[int, str]:
-    """Pictures of a step."""
+def choose_batch(size: Size, area: int, pictures: Pictures, machine: Machine) -> tuple[int, str]:
+    """Pictures of a step, of so many pixels each."""
+    most = max(pictures.count // pictures.together, 1)
+    made = "" if pictures.together == 1 else f", each put together of {pictures.together} windows"
     if not machine.gpu_memory:
-        return min(8, pictures), "8 pictures a step: a larger batch is no faster on a CPU and makes fewer steps."
+        batch = min(8 // pictures.together, most)
+        return batch, f"{batch} pictures a step{made}: a larger batch is no faster on a CPU and makes fewer steps."
     fits = _GPU_BATCH * machine.gpu_memory / _GPU_MEMORY * (640 * 480) / area * _LIGHTER[size]
-    batch = min(max(4 * int(fits / 4), 4), 64, pictures)
-    return batch, f"{batch} pictures a step should fit {machine.gpu_memory / 1e9:.0f} GB; --dry-run measures it."
+    batch = min(max(4 * int(fits / 4), 4), 64, most)
+    return batch, f"{batch} pictures a step{made} should fit {machine.gpu_memory / 1e9:.0f} GB; --dry-run measures it."
 
 
 def choose_stages(

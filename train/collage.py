@@ -6,6 +6,7 @@ affine map M of its own, so its labels are exact under K' = M K.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -13,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multicam.types import FloatArray, ImageArray
-from train.augment import Labeller, draw, random_affine
+from train.augment import Canvas, Labeller, Zoom, random_affine
 from train.config import AugmentConfig
 from train.samples import Labels, Picture, Region
 
@@ -75,13 +76,13 @@ def draw_cutting(picture: Picture, rng: np.random.Generator) -> Cutting | None:
 class Collage:
     """A picture on which cuttings are pasted one after the other, each in front of what is there."""
 
-    def __init__(self, image: ImageArray, labels: Labels, instances: NDArray[np.uint8]) -> None:
-        """Starts with a drawn picture, its labels, and which instance of its record (from 1) each pixel shows."""
-        self.image, self._instances = image.copy(), instances
-        self._labels = [labels]
-        self._level = np.zeros(image.shape[:2], dtype=np.uint8)
-        counts = np.bincount(instances.ravel(), minlength=256)
-        self._drawn = [counts[labels.places + 1]]
+    def __init__(self, canvas: Canvas) -> None:
+        """Starts with a canvas that knows its instances."""
+        assert canvas.instances is not None
+        self.image, self._instances = canvas.image.copy(), canvas.instances
+        self._labels = [canvas.labels]
+        self._level = np.zeros(canvas.image.shape[:2], dtype=np.uint8)
+        self._drawn = [self._shown()]
 
     def paste(self, cutting: Cutting, affine: FloatArray, label: Labeller, rng: np.random.Generator) -> None:
         """Draws a cutting by the map `affine` (3, 3) from its picture's pixels to the canvas, in a light of its own."""
@@ -109,14 +110,18 @@ class Collage:
 
     def labels(self, minimum_visible: float) -> Labels:
         """Of all that is on the canvas; what later cuttings hide is hidden."""
-        counts = np.bincount(self._instances[self._level == 0], minlength=256)
         parts: list[Labels] = []
         for level, labels in enumerate(self._labels):
-            left = counts[labels.places + 1] if level == 0 else np.array([np.count_nonzero(self._level == level)])
+            left = self._shown() if level == 0 else np.array([np.count_nonzero(self._level == level)])
             seen = labels.seen * left / np.maximum(self._drawn[level], 1)
             visible = labels.visible & ~self._covered(labels.keypoints, level)
             parts.append(replace(labels, visible=visible, seen=seen, ignored=seen < minimum_visible))
         return Labels.joined(parts)
+
+    def _shown(self) -> NDArray[np.int64]:
+        """(G,) pixels of the canvas's own instances over which nothing is pasted."""
+        number = self._labels[0].places + 1
+        return np.bincount(self._instances[self._level == 0], minlength=number.max() + 1)[number]
 
     def _covered(self, keypoints: FloatArray, level: int) -> NDArray[np.bool_]:
         """Whether something pasted later lies over pixels (..., 2)."""
@@ -128,25 +133,20 @@ class Collage:
 
 
 def pasted(
-    base: Picture,
-    cuttings: list[Cutting],
-    width: int,
-    height: int,
+    canvas: Canvas,
+    cuttings: Sequence[Cutting],
+    zoom: Zoom,
     config: AugmentConfig,
     rng: np.random.Generator,
     label: Labeller,
     minimum_visible: float,
 ) -> tuple[ImageArray, Labels]:
-    """A warped picture with cuttings on it, each turned and zoomed at random and anywhere on the canvas."""
-    assert base.instances is not None
-    whole = Region(0, 0, width, height)
-    size = (width, height)
-    affine = random_affine(base, whole, size, config, config.scale, rng)
-    instances = cv2.warpAffine(base.instances, affine[:2], size, flags=cv2.INTER_NEAREST)
-    collage = Collage(draw(base.image, affine, whole), label(base, affine, whole), instances)
+    """A canvas with cuttings on it, each turned and zoomed at random and anywhere."""
+    height, width = canvas.image.shape[:2]
+    collage = Collage(canvas)
     for cutting in cuttings:
-        affine = random_affine(cutting.picture, whole, size, config, config.scale, rng)
-        affine[:2, 2] += rng.uniform(0, 1, 2) * size - (affine @ (*cutting.middle, 1.0))[:2]
+        affine = random_affine(cutting.picture, Region(0, 0, width, height), zoom, config, rng)
+        affine[:2, 2] += rng.uniform(0, 1, 2) * (width, height) - (affine @ (*cutting.middle, 1.0))[:2]
         collage.paste(cutting, affine, label, rng)
     return collage.image, collage.labels(minimum_visible)
 

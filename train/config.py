@@ -10,6 +10,9 @@ from models.config import ModelConfig, NeckName, Size
 from multicam.dataset.objects import Catalogue
 from multicam.errors import ConfigError, DataError
 
+WINDOWS = 4
+"""Windows that are put together to one picture in training."""
+
 
 @dataclass(frozen=True)
 class DataConfig:
@@ -44,25 +47,40 @@ class NetworkConfig:
     input_height: int = 640
     """Pixels, a multiple of 32; need not equal the width."""
     window_width: int = 0
-    """Pixels, a multiple of 32, of a picture in training where that is a window of what the network will see, as
-    camera.window of the renderer makes them; 0 for the whole input."""
+    """Pixels of a picture to learn from where that is a window of what the network will see, as camera.window of the
+    renderer makes them; at least half of the input, for four of them are learnt as one. 0 where pictures are whole."""
     window_height: int = 0
     """See window_width."""
 
     def __post_init__(self) -> None:
-        for what, (width, height) in {
-            "input": (self.input_width, self.input_height), "window": self.training_size
-        }.items():  # fmt: skip
+        for what, (width, height) in {"input": self.input_size, "window": self.window_size}.items():
             if width % 32 or height % 32 or min(width, height) < 64:
                 raise ConfigError(
                     f"the network's {what} must be at least 64 and a multiple of 32 on each side; "
                     f"{width} x {height} is not."
                 )
 
+        (width, height), (whole, tall) = self.window_size, self.input_size
+        if 2 * width < whole or 2 * height < tall:
+            raise ConfigError(
+                f"windows of {width} x {height} are less than half as wide or high as the network's input, {whole} x "
+                f"{tall}, which four of them then do not fill; render with camera.window 0.5 or more."
+            )
+
     @property
-    def training_size(self) -> tuple[int, int]:
-        """Width and height of a picture in training."""
+    def input_size(self) -> tuple[int, int]:
+        """Width and height of what the network sees."""
+        return self.input_width, self.input_height
+
+    @property
+    def window_size(self) -> tuple[int, int]:
+        """Width and height of a picture to learn from."""
         return self.window_width or self.input_width, self.window_height or self.input_height
+
+    @property
+    def windows(self) -> bool:
+        """Whether pictures to learn from are windows."""
+        return self.window_size != self.input_size
 
     def scaled(self, scale: float) -> NetworkConfig:
         """The same network for pictures of another size.

@@ -22,7 +22,7 @@ from multicam.progress import Progress, SilentProgress
 from multicam.types import FloatArray
 from train.board import Board
 from train.checkpoint import RunState, find_checkpoint, load_views, restore, save_checkpoint, take_over
-from train.config import StageConfig, TrainConfig
+from train.config import WINDOWS, StageConfig, TrainConfig
 from train.criterion import criterion, total
 from train.distributed import Group, StopSignal, process_group
 from train.loader import Batch, EpochSampler, TrainingSet, ValidationSet, training_loader
@@ -110,10 +110,11 @@ class Run:
         if self.group.leads:
             save_config(config, config.output / "config.yaml")
             log.info(
-                "%s network, %.2f M parameters; %d pictures, %d steps an epoch, %d epochs",
+                "%s network, %.2f M parameters; %d pictures%s, %d steps an epoch, %d epochs",
                 config.network.size,
                 count_parameters(self.detector) / 1e6,
                 len(self.dataset),
+                f" of {WINDOWS} windows" if config.network.windows else "",
                 len(self.sampler),
                 config.stages.epochs,
             )

@@ -14,10 +14,10 @@ from torch import Tensor
 from torch.utils.data import DataLoader, Dataset, Sampler
 
 from multicam.types import ImageArray
-from train.augment import Photometry, cutout, letterboxed, mosaic, warped
+from train.augment import Photometry, Zoom, cutout, letterboxed, mosaic, warped
 from train.background import Backgrounds
-from train.collage import draw_cutting, pasted
-from train.config import AugmentConfig, NetworkConfig, StageConfig
+from train.collage import Cutting, draw_cutting, pasted
+from train.config import WINDOWS, AugmentConfig, NetworkConfig, StageConfig
 from train.samples import Labels, Picture, PictureStore, TrainedObject, make_labels
 
 
@@ -52,8 +52,18 @@ Place = tuple[int, int, StageConfig]
 """Epoch, index of the picture, the stage that says how large it is and whether it is warped."""
 
 
+_MOSAIC_SCALE = (0.5, 1.0)
+"""Least and greatest zoom of the four parts of a mosaic of whole pictures."""
+
+_AS_THEY_ARE = AugmentConfig(mosaic=0.0, rotate_deg=0.0, shift=0.0, scale=(1.0, 1.0), shear_deg=0.0)
+
+
 class TrainingSet(Dataset[tuple[ImageArray, Labels]]):
-    """Augmented pictures; the item (epoch, index, stage) is always the same."""
+    """Augmented pictures; the item (epoch, index, stage) is always the same.
+
+    Windows are put together to pictures of the size that the network will see. From single ones it learns to lean on
+    their borders, which are never far, and finds objects on bare ground where they are (docs/training.md).
+    """
 
     def __init__(
         self,
@@ -72,31 +82,43 @@ class TrainingSet(Dataset[tuple[ImageArray, Labels]]):
         self.backgrounds = Backgrounds(augment) if augment.backgrounds else None
 
     def __len__(self) -> int:
-        return len(self.store)
+        return max(len(self.store) // WINDOWS, 1) if self.network.windows else len(self.store)
 
     def __getitem__(self, place: Place) -> tuple[ImageArray, Labels]:
         epoch, index, stage = place
-        size, warp = self.network.scaled(stage.scale).training_size, stage.warp
+        network = self.network.scaled(stage.scale)
         rng = np.random.default_rng((self.seed, epoch, index))
-        picture = self._picture(index, rng)
-        if warp and rng.uniform() < self.augment.mosaic:
-            others = [self._picture(int(i), rng) for i in rng.integers(len(self.store), size=3)]
-            image, labels = mosaic([picture, *others], *size, self.augment, rng, self.label)
-        elif warp and self.augment.pasted:
-            image, labels = self._collage(picture, size, rng)
-        elif warp:
-            image, labels = warped(picture, *size, self.augment, rng, self.label)
+        if stage.warp or network.windows:
+            image, labels = self._composed(index, network, stage.warp, rng)
         else:
-            image, labels = letterboxed(picture, *size, self.label)
-        if warp and rng.uniform() < self.augment.cutout:
+            image, labels = letterboxed(self._picture(index, rng), *network.input_size, self.label)
+        if stage.warp and rng.uniform() < self.augment.cutout:
             donor = self.store[int(rng.integers(len(self.store)))].image
             image, labels = cutout(image, labels, donor, rng)
         return self.photometry(image, rng), labels
 
-    def _collage(self, picture: Picture, size: tuple[int, int], rng: np.random.Generator) -> tuple[ImageArray, Labels]:
-        donors = rng.integers(len(self.store), size=int(rng.integers(self.augment.pasted + 1)))
-        cuttings = [cutting for i in donors if (cutting := draw_cutting(self.store[int(i)], rng))]
-        return pasted(picture, cuttings, *size, self.augment, rng, self.label, self.minimum_visible)
+    def _composed(
+        self, index: int, network: NetworkConfig, warp: bool, rng: np.random.Generator
+    ) -> tuple[ImageArray, Labels]:
+        config = self.augment if warp else _AS_THEY_ARE
+        size, zoom, indices = network.input_size, Zoom(*network.window_size, *config.scale), [index]
+        if network.windows:
+            indices = rng.integers(len(self.store), size=WINDOWS).tolist()
+        elif rng.uniform() < config.mosaic:
+            indices += rng.integers(len(self.store), size=3).tolist()
+            zoom = Zoom(*size, *_MOSAIC_SCALE)
+        pictures = [self._picture(i, rng) for i in indices]
+        if len(pictures) > 1:
+            canvas = mosaic(pictures, *size, zoom, config, rng, self.label)
+        else:
+            canvas = warped(pictures[0], *size, config, rng, self.label)
+        if not config.pasted:
+            return canvas.image, canvas.labels
+        return pasted(canvas, self._cuttings(len(pictures), rng), zoom, config, rng, self.label, self.minimum_visible)
+
+    def _cuttings(self, pictures: int, rng: np.random.Generator) -> list[Cutting]:
+        donors = rng.integers(len(self.store), size=int(rng.integers(self.augment.pasted * pictures + 1)))
+        return [cutting for i in donors if (cutting := draw_cutting(self.store[int(i)], rng))]
 
     def _picture(self, index: int, rng: np.random.Generator) -> Picture:
         picture = self.store[index]

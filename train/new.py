@@ -149,17 +149,19 @@ def compose(models: Path, data: Path, catalogue: Catalogue, pictures: Pictures, 
     size, why_size = choose_size(len(catalogue.objects), machine)
     width, height, why_input = choose_input(pictures, machine)
     bins, why_bins = choose_bins(pictures, width)
-    batch, why_batch = choose_batch(size, width * height, pictures.count, machine)
-    stages, why_stages = choose_stages(recipe, len(catalogue.objects), pictures.count, batch, machine)
+    inputs = input_sizes(pictures, width, height)
+    batch, why_batch = choose_batch(size, inputs["input_width"] * inputs["input_height"], pictures, machine)
+    each_step = batch * pictures.together
+    stages, why_stages = choose_stages(recipe, len(catalogue.objects), pictures.count, each_step, machine)
     workers, why_workers = choose_workers(machine)
     epochs = sum(stage["epochs"] for stage in stages.values())
     shape = {key: recipe["network"][key] for key in ("neck", "strides") if key in recipe["network"]}
-    network = {"size": size, **shape, "bins": bins, **input_sizes(pictures, width, height)}
+    network = {"size": size, **shape, "bins": bins, **inputs}
     folders = {"train": [str(data / "train")], "validation": [str(data / "val")], "models": str(models)}
     cache = pictures.count * pictures.width * pictures.height * _PIXEL < _CACHED
     source = "measured" if pictures.rendered else "expected; nothing is rendered yet"
     kept = {key: recipe[key] for key in ("augment", "ema_decay", "least_positives") if key in recipe}
-    steps = max(pictures.count // batch, 1) * epochs
+    steps = max(pictures.count // each_step, 1) * epochs
     sections = (
         Choice({"output": f"runs/{data.absolute().name}"}, "Checkpoints and TensorBoard."),
         Choice(

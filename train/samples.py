@@ -84,7 +84,7 @@ class Labels:
         poses: (G, 4, 4) canonical camera_from_object.
         seen: (G,) share of the instance that is visible in the picture.
         ignored: (G,) bool, seen too little to be learnt or to be background.
-        places: (G,) index of the instance in its record.
+        places: (G,) index of the instance in its record; in a mosaic, among those of all of its records.
     """
 
     classes: NDArray[np.int64]

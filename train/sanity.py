@@ -109,7 +109,7 @@ def sanity_check(config: TrainConfig, progress: Progress, steps: int = STEPS) ->
     stage = StageConfig(steps, _RATE, _RATE, "truth", warp=False, oks_sigma=0.25, weights=_WEIGHTS)
     none = replace(stage, epochs=0)
     data = replace(config.data, cache=False, validation=())
-    width, height = config.network.training_size
+    width, height = config.network.window_size
     network = replace(config.network, input_width=width, input_height=height, window_width=0, window_height=0)
     config = replace(config, data=data, network=network, stages=StagesConfig(stage, none, none), warmup_steps=20)
     with process_group(config.device) as group:

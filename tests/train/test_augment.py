@@ -6,7 +6,7 @@ import pytest
 from multicam.dataset.bop_reader import ImageRecord, Instance
 from multicam.geometry import se3, so3
 from tests.train.toy_pictures import HEIGHT, WIDTH, toy_objects, toy_picture
-from train.augment import Photometry, cutout, letterboxed, mosaic, warped, with_background
+from train.augment import Photometry, Zoom, cutout, letterboxed, mosaic, warped, with_background
 from train.config import AugmentConfig
 from train.samples import (
     Labels,
@@ -65,8 +65,9 @@ def test_labels_of_an_untouched_picture_are_those_of_the_record() -> None:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_the_camera_of_a_warped_picture_maps_its_points_to_its_keypoints(seed: int) -> None:
-    image, labels = warped(picture(seed), 192, 160, AUGMENT, np.random.default_rng(seed), label)
-    assert image.shape == (160, 192, 3)
+    canvas = warped(picture(seed), 192, 160, AUGMENT, np.random.default_rng(seed), label)
+    assert canvas.image.shape == (160, 192, 3) and canvas.instances is None
+    labels = canvas.labels
     for row in range(len(labels.classes)):
         assert np.allclose(project(labels.cameras[row], labels.points[row]), labels.keypoints[row], atol=1e-8)
         assert np.allclose(
@@ -112,16 +113,18 @@ def test_pixels_and_labels_of_a_warp_agree() -> None:
         seen.append(affine)
         return label(of, affine, region)
 
-    image, _ = warped(Picture(made.record, canvas, None), 192, 160, AUGMENT, np.random.default_rng(5), remember)
-    weight = image[..., 0].astype(float) - 114
+    drawn = warped(Picture(made.record, canvas, None), 192, 160, AUGMENT, np.random.default_rng(5), remember)
+    weight = drawn.image[..., 0].astype(float) - 114
     ys, xs = np.mgrid[0:160, 0:192]
     found = np.array([(weight * xs).sum(), (weight * ys).sum()]) / weight.sum()
     assert np.allclose(found, seen[0][:2, :2] @ (73, 63) + seen[0][:2, 2], atol=0.3)
 
 
 def test_tiles_of_a_mosaic_have_cameras_of_their_own() -> None:
-    image, labels = mosaic([picture(i) for i in range(4)], 192, 160, AUGMENT, np.random.default_rng(0), label)
-    assert image.shape == (160, 192, 3) and len(labels.classes) == 8
+    zoom = Zoom(192, 160, 0.5, 1.0)
+    canvas = mosaic([picture(i) for i in range(4)], 192, 160, zoom, AUGMENT, np.random.default_rng(0), label)
+    labels = canvas.labels
+    assert canvas.image.shape == (160, 192, 3) and len(labels.classes) == 8
     assert len(np.unique(labels.cameras.round(6), axis=0)) == 4
     for row in range(8):
         assert np.allclose(project(labels.cameras[row], labels.points[row]), labels.keypoints[row], atol=1e-8)

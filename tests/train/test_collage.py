@@ -12,6 +12,7 @@ from multicam.dataset.bop_reader import read_scene
 from multicam.errors import DataError
 from tests.train.test_augment import OBJECTS, label, picture
 from tests.train.toy_pictures import HEIGHT, WIDTH, toy_picture, write_toy_dataset
+from train.augment import Canvas, Zoom, mosaic, warped
 from train.collage import Collage, Cutting, draw_cutting, pasted
 from train.config import AugmentConfig
 from train.samples import Picture, Region, load_picture, project
@@ -31,7 +32,7 @@ def with_instances(seed: int) -> Picture:
 def collage(seed: int) -> Collage:
     base = with_instances(seed)
     assert base.instances is not None
-    return Collage(base.image, label(base, np.eye(3), WHOLE), base.instances)
+    return Collage(Canvas(base.image, label(base, np.eye(3), WHOLE), base.instances.astype(np.uint16)))
 
 
 def shifted(x: float, y: float) -> np.ndarray:
@@ -67,11 +68,31 @@ def test_a_pasted_object_brings_its_labels_to_where_it_is_drawn() -> None:
 def test_the_camera_of_every_pasted_object_maps_its_points_to_its_keypoints(seed: int) -> None:
     rng = np.random.default_rng(seed)
     cuttings = [Cutting.of(with_instances(seed + 1 + i), i % 2) for i in range(3)]
-    image, labels = pasted(with_instances(seed), cuttings, 192, 160, AUGMENT, rng, label, 0.1)
+    canvas = warped(with_instances(seed), 192, 160, AUGMENT, rng, label)
+    image, labels = pasted(canvas, cuttings, Zoom(192, 160, 0.7, 1.3), AUGMENT, rng, label, 0.1)
     assert image.shape == (160, 192, 3)
     assert len(labels.classes) >= 2
     for row in range(len(labels.classes)):
         assert np.allclose(project(labels.cameras[row], labels.points[row]), labels.keypoints[row], atol=1e-8)
+
+
+def test_what_is_pasted_on_a_mosaic_hides_objects_of_all_of_its_parts() -> None:
+    rng, pictures = np.random.default_rng(0), [with_instances(seed) for seed in range(4)]
+    still = replace(AUGMENT, rotate_deg=0, shift=0, shear_deg=0)
+    canvas = mosaic(pictures, 2 * WIDTH, 2 * HEIGHT, Zoom(WIDTH, HEIGHT, 1, 1), still, rng, label)
+    assert canvas.instances is not None
+    assert set(np.unique(canvas.instances)) == {0, *(canvas.labels.places + 1)}
+    for row, box in enumerate(canvas.labels.boxes):
+        ys, xs = np.nonzero(canvas.instances == canvas.labels.places[row] + 1)
+        assert np.all((xs > box[0] - 2) & (xs < box[2] + 2) & (ys > box[1] - 2) & (ys < box[3] + 2)), row
+    onto = Collage(canvas)
+    before = onto.labels(0.1)
+    curtain = Cutting.of(with_instances(5), 0)
+    solid = replace(curtain, coverage=np.ones_like(curtain.coverage))
+    # So large that nothing else is left to be seen.
+    x, y = 99 * solid.middle
+    onto.paste(solid, np.array([[99, 0, -x], [0, 99, -y], [0, 0, 1.0]]), label, rng)
+    assert not before.ignored.all() and np.all(onto.labels(0.1).seen[:-1] == 0)
 
 
 def test_what_a_pasted_object_covers_is_hidden() -> None:

@@ -21,7 +21,7 @@ from train.choices import (
     input_sizes,
 )
 from train.cli import main
-from train.config import TrainConfig
+from train.config import WINDOWS, TrainConfig
 
 LAPTOP = Machine(cores=2, gpu_memory=0, bf16=True)
 SERVER = Machine(cores=32, gpu_memory=24_000_000_000, bf16=True)
@@ -97,6 +97,14 @@ def test_a_network_that_learns_from_windows_sees_more_than_they_show() -> None:
     }  # fmt: skip
 
 
+def test_a_step_learns_from_as_many_windows_as_whole_pictures() -> None:
+    windows = replace(PICTURES, width=320, height=240, window=0.5)
+    batch, reason = choose_batch("nano", 640 * 480, windows, LAPTOP)
+    assert batch * WINDOWS == choose_batch("nano", 320 * 256, PICTURES, LAPTOP)[0] == 8
+    assert "put together of 4 windows" in reason
+    assert choose_batch("nano", 640 * 480, replace(windows, count=5), LAPTOP)[0] == 1
+
+
 def test_renders_of_small_parts_are_windows_and_those_of_long_ones_whole() -> None:
     screws = expected_pictures(3000, 0, [0.02, 0.03, 0.05])
     nails = expected_pictures(3000, 0, [0.05, 0.1, 0.34])
@@ -112,8 +120,8 @@ def test_bins_stay_fine_on_large_objects() -> None:
 
 
 def test_a_gpu_takes_a_batch_that_fits_and_learning_rates_follow() -> None:
-    assert choose_batch("m", 640 * 480, 4000, SERVER)[0] == 16
-    assert choose_batch("m", 1280 * 960, 4000, SERVER)[0] == 4
+    assert choose_batch("m", 640 * 480, PICTURES, SERVER)[0] == 16
+    assert choose_batch("m", 1280 * 960, PICTURES, SERVER)[0] == 4
     stage = {"epochs": 3, "learning_rate_start": 1e-3, "learning_rate_end": 1e-4}
     recipe = {"stages": {"first": stage, "second": {**stage, "epochs": 1}}, "batch_size": 8}
     stages, _ = choose_stages(recipe, 9, 4000, 16, LAPTOP)
