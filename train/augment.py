@@ -21,6 +21,11 @@ from train.samples import Labels, Picture, Region
 _WHOLE = 0.99
 """Share from which a pixel shows an object and nothing else."""
 
+_LEAST_PIECE = 0.1
+"""Share of a picture's sides that a piece of bare ground has at least."""
+_TRIES = 20
+"""How many pieces are looked at before a picture counts as full of objects."""
+
 Labeller = Callable[[Picture, FloatArray, Region], Labels]
 """Labels of a picture drawn by an affine map into a region of the input."""
 
@@ -73,7 +78,10 @@ def mosaic(
     rng: np.random.Generator,
     label: Labeller,
 ) -> Canvas:
-    """Four pictures around a random corner, each with a warp and hence a camera matrix of its own."""
+    """Four pictures, one of them with objects at least, around a random corner.
+
+    Each has a warp and hence a camera matrix of its own.
+    """
     x, y = int(width * rng.uniform(0.3, 0.7)), int(height * rng.uniform(0.3, 0.7))
     regions = (
         Region(0, 0, x, y),
@@ -92,11 +100,28 @@ def mosaic(
         shown = _instances(picture, affine, region)
         if shown is not None:
             instances[part] = np.where(shown > 0, shown + before, 0)
-        labels = label(picture, affine, region)
-        parts.append(replace(labels, places=labels.places + before))
-        before += len(picture.record.instances)
+        if picture.record.instances:
+            labels = label(picture, affine, region)
+            parts.append(replace(labels, places=labels.places + before))
+            before += len(picture.record.instances)
     known = all(picture.instances is not None for picture in pictures)
     return Canvas(image, Labels.joined(parts), instances if known else None)
+
+
+def bare_ground(picture: Picture, rng: np.random.Generator) -> Picture | None:
+    """A piece of a picture that shows no object, as a picture of its own; None if none is found soon."""
+    assert picture.instances is not None
+    occupied = cv2.integral((picture.instances > 0).astype(np.uint8))
+    height, width = picture.instances.shape
+    for _ in range(_TRIES):
+        share = np.exp(rng.uniform(np.log(_LEAST_PIECE), 0.0))
+        h, w = round(share * height), round(share * width)
+        y, x = int(rng.integers(height - h + 1)), int(rng.integers(width - w + 1))
+        if occupied[y + h, x + w] - occupied[y, x + w] - occupied[y + h, x] + occupied[y, x] == 0:
+            part = np.s_[y : y + h, x : x + w]
+            empty = replace(picture.record, instances=())
+            return Picture(empty, picture.image[part], None, picture.instances[part])
+    return None
 
 
 def cutout(image: ImageArray, labels: Labels, donor: ImageArray, rng: np.random.Generator) -> tuple[ImageArray, Labels]:

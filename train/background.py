@@ -42,4 +42,5 @@ def _alpha(record: ImageRecord) -> FloatArray:
     """(h, w) share of each pixel that objects cover, 0..1; hard where the data set has masks only."""
     if record.alpha_path is not None:
         return read_mask(record.alpha_path) / 255
-    return np.max([read_mask(path) for path in require_masks(record, "backgrounds")], axis=0) / 255
+    masks = require_masks(record, "augment.backgrounds needs; leave it out")
+    return np.max([read_mask(path) for path in masks], axis=0) / 255

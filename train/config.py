@@ -224,6 +224,10 @@ class AugmentConfig:
     """Probability of patches that hide parts of the picture."""
     pasted: int = 0
     """Most objects of other pictures that are pasted into one, in another light; needs visible masks."""
+    bare: float = 0.25
+    """Probability that a window gives way to bare ground: a piece of it without objects, as large as the window.
+    Windows always show objects, which the pictures that the network will see do not everywhere. Needs visible masks;
+    only where pictures are windows."""
     backgrounds: Path | None = None
     """Folder of pictures put behind the objects of images with masks (for T-LESS's black ones)."""
     background: float = 0.5
@@ -278,6 +282,11 @@ class TrainConfig:
     """Processes that load pictures; 0 loads in the training process."""
     threads: int = 0
     """Threads of PyTorch on the CPU; 0 leaves its own choice."""
+
+    @property
+    def needs_masks(self) -> bool:
+        """Whether each picture must tell which object its pixels show."""
+        return self.augment.pasted > 0 or (self.network.windows and self.augment.bare > 0)
 
     def __post_init__(self) -> None:
         if self.batch_size < 1 or self.workers < 0 or self.validate_every < 1 or self.least_positives < 1:

@@ -239,7 +239,7 @@ def _datasets(
     held_out = read_records(config.data.validation)
     objects = prepare_objects(catalogue, [*records, *held_out], learnt)
     network, minimum = config.network, config.minimum_visible
-    store = PictureStore(records, config.data.cache, progress, with_instances=config.augment.pasted > 0)
+    store = PictureStore(records, config.data.cache, progress, with_instances=config.needs_masks)
     train = TrainingSet(store, objects, network, config.augment, minimum, config.seed)
     validation = ValidationSet(PictureStore(held_out, False, progress), objects, network, minimum)
     return train, validation, tuple(objects.values())

@@ -14,7 +14,7 @@ from torch import Tensor
 from torch.utils.data import DataLoader, Dataset, Sampler
 
 from multicam.types import ImageArray
-from train.augment import Photometry, Zoom, cutout, letterboxed, mosaic, warped
+from train.augment import Photometry, Zoom, bare_ground, cutout, letterboxed, mosaic, warped
 from train.background import Backgrounds
 from train.collage import Cutting, draw_cutting, pasted
 from train.config import WINDOWS, AugmentConfig, NetworkConfig, StageConfig
@@ -55,7 +55,7 @@ Place = tuple[int, int, StageConfig]
 _MOSAIC_SCALE = (0.5, 1.0)
 """Least and greatest zoom of the four parts of a mosaic of whole pictures."""
 
-_AS_THEY_ARE = AugmentConfig(mosaic=0.0, rotate_deg=0.0, shift=0.0, scale=(1.0, 1.0), shear_deg=0.0)
+_AS_THEY_ARE = AugmentConfig(mosaic=0.0, bare=0.0, rotate_deg=0.0, shift=0.0, scale=(1.0, 1.0), shear_deg=0.0)
 
 
 class TrainingSet(Dataset[tuple[ImageArray, Labels]]):
@@ -108,6 +108,8 @@ class TrainingSet(Dataset[tuple[ImageArray, Labels]]):
             indices += rng.integers(len(self.store), size=3).tolist()
             zoom = Zoom(*size, *_MOSAIC_SCALE)
         pictures = [self._picture(i, rng) for i in indices]
+        if network.windows and config.bare:
+            pictures = self._with_ground(pictures, rng)
         if len(pictures) > 1:
             canvas = mosaic(pictures, *size, zoom, config, rng, self.label)
         else:
@@ -115,6 +117,14 @@ class TrainingSet(Dataset[tuple[ImageArray, Labels]]):
         if not config.pasted:
             return canvas.image, canvas.labels
         return pasted(canvas, self._cuttings(len(pictures), rng), zoom, config, rng, self.label, self.minimum_visible)
+
+    def _with_ground(self, windows: list[Picture], rng: np.random.Generator) -> list[Picture]:
+        """Windows of which some, but never all, have given way to a piece of their ground."""
+        pictures = windows.copy()
+        for place in range(1, len(pictures)):
+            if rng.uniform() < self.augment.bare:
+                pictures[place] = bare_ground(windows[place], rng) or windows[place]
+        return [pictures[place] for place in rng.permutation(len(pictures))]
 
     def _cuttings(self, pictures: int, rng: np.random.Generator) -> list[Cutting]:
         donors = rng.integers(len(self.store), size=int(rng.integers(self.augment.pasted * pictures + 1)))

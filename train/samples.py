@@ -209,23 +209,24 @@ def load_picture(record: ImageRecord, with_instances: bool = False) -> Picture:
     return Picture(record, image, depth, _read_instances(record, image) if with_instances else None)
 
 
-def require_masks(record: ImageRecord, option: str) -> tuple[Path, ...]:
-    """The visible masks of a record, which an option of the augmentation needs.
+def require_masks(record: ImageRecord, who: str) -> tuple[Path, ...]:
+    """The visible masks of a record.
+
+    Args:
+        who: options that need them, and what to do without.
 
     Raises:
         DataError: the data set has none.
     """
     if not record.mask_visib_paths:
-        raise DataError(
-            f"image {record.im_id} of scene {record.scene_id} has no mask_visib files, which augment.{option} needs; "
-            "leave that option out."
-        )
+        raise DataError(f"image {record.im_id} of scene {record.scene_id} has no mask_visib files, which {who}.")
     return record.mask_visib_paths
 
 
 def _read_instances(record: ImageRecord, image: ImageArray) -> NDArray[np.uint8]:
     instances = np.zeros(image.shape[:2], dtype=np.uint8)
-    for place, path in enumerate(require_masks(record, "pasted")):
+    masks = require_masks(record, "augment.pasted and, of windows, augment.bare need; set both to 0")
+    for place, path in enumerate(masks):
         instances[read_mask(path) > 0] = place + 1
     return instances
 

@@ -140,5 +140,5 @@ def test_pictures_without_masks_cannot_be_pasted_from(tmp_path: Path) -> None:
     (record,) = read_scene(tmp_path / "train" / "000001")
     read = load_picture(record, with_instances=True)
     assert read.instances is not None and set(np.unique(read.instances)) == {0, 1, 2}
-    with pytest.raises(DataError, match=r"mask_visib files, which augment\.pasted needs"):
+    with pytest.raises(DataError, match=r"mask_visib files, which augment\.pasted and, of windows, augment\.bare need"):
         load_picture(replace(record, mask_visib_paths=()), with_instances=True)
