@@ -199,7 +199,7 @@ class AugmentConfig:
     """Changes to the pictures. There is no flip: a mirrored rigid object is another object."""
 
     mosaic: float = 0.5
-    """Probability of joining four pictures."""
+    """Probability of joining four whole pictures; windows are always joined."""
     rotate_deg: float = 10.0
     """Greatest turn of the picture in its plane, either way."""
     shift: float = 0.1
