@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from torch import Tensor, nn
 
-from models.blocks import ConvBlock, CspBlock, SpatialPyramid
+from models.blocks import ConvBlock, CspBlock, SpatialPyramid, conv3x3
 from models.config import ModelConfig
 
 
@@ -13,13 +13,13 @@ class CspDarknet(nn.Module):
 
     def __init__(self, config: ModelConfig) -> None:
         super().__init__()
-        stem, low = round(64 * config.width), round(128 * config.width)
+        stem, low = config.stem_channels, round(128 * config.width)
         c3, c4, c5 = config.channels
 
         def stage(inputs: int, outputs: int, repeats: int) -> nn.Sequential:
             return nn.Sequential(
-                ConvBlock(inputs, outputs, 3, 2),
-                CspBlock(outputs, outputs, config.repeats(repeats)),
+                conv3x3(inputs, outputs, 2, config.depthwise),
+                CspBlock(outputs, outputs, config.repeats(repeats), config.depthwise),
             )
 
         # One 6x6 convolution of stride 2 is YOLOX's space-to-depth followed by a 3x3, as one operation.
@@ -28,9 +28,9 @@ class CspDarknet(nn.Module):
         self.stage8 = stage(low, c3, 9)
         self.stage16 = stage(c3, c4, 9)
         self.stage32 = nn.Sequential(
-            ConvBlock(c4, c5, 3, 2),
+            conv3x3(c4, c5, 2, config.depthwise),
             SpatialPyramid(c5, c5),
-            CspBlock(c5, c5, config.repeats(3), shortcut=False),
+            CspBlock(c5, c5, config.repeats(3), config.depthwise, shortcut=False),
         )
 
     def forward(self, images: Tensor) -> tuple[Tensor, Tensor, Tensor]:

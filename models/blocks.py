@@ -29,12 +29,30 @@ class ConvBlock(nn.Module):
             self.norm = nn.Identity()
 
 
+class DepthwiseBlock(nn.Module):
+    """3x3 within each channel, then 1x1 across them, both normalised and activated (YOLOX's nano)."""
+
+    def __init__(self, inputs: int, outputs: int, stride: int = 1) -> None:
+        super().__init__()
+        self.within = ConvBlock(inputs, inputs, 3, stride, groups=inputs)
+        self.across = ConvBlock(inputs, outputs, 1)
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(B, inputs, H, W) to (B, outputs, H/stride, W/stride)."""
+        return self.across(self.within(x))
+
+
+def conv3x3(inputs: int, outputs: int, stride: int, depthwise: bool) -> ConvBlock | DepthwiseBlock:
+    """A 3x3, plain or depthwise."""
+    return DepthwiseBlock(inputs, outputs, stride) if depthwise else ConvBlock(inputs, outputs, 3, stride)
+
+
 class Bottleneck(nn.Module):
     """1x1 then 3x3, with a shortcut on request."""
 
-    def __init__(self, channels: int, shortcut: bool) -> None:
+    def __init__(self, channels: int, shortcut: bool, depthwise: bool) -> None:
         super().__init__()
-        self.layers = nn.Sequential(ConvBlock(channels, channels, 1), ConvBlock(channels, channels, 3))
+        self.layers = nn.Sequential(ConvBlock(channels, channels, 1), conv3x3(channels, channels, 1, depthwise))
         self.shortcut = shortcut
 
     def forward(self, x: Tensor) -> Tensor:
@@ -45,17 +63,19 @@ class Bottleneck(nn.Module):
 class CspBlock(nn.Module):
     """Cross-stage partial block: half of the channels go through bottlenecks, half go past them."""
 
-    def __init__(self, inputs: int, outputs: int, repeats: int, shortcut: bool = True) -> None:
+    def __init__(self, inputs: int, outputs: int, repeats: int, depthwise: bool, shortcut: bool = True) -> None:
         super().__init__()
         hidden = outputs // 2
         self.main = ConvBlock(inputs, hidden, 1)
         self.side = ConvBlock(inputs, hidden, 1)
-        self.bottlenecks = nn.Sequential(*(Bottleneck(hidden, shortcut) for _ in range(repeats)))
+        self.bottlenecks = nn.Sequential(*(Bottleneck(hidden, shortcut, depthwise) for _ in range(repeats)))
         self.merge = ConvBlock(2 * hidden, outputs, 1)
 
     def forward(self, x: Tensor) -> Tensor:
         """(B, inputs, H, W) to (B, outputs, H, W)."""
-        return self.merge(torch.cat((self.bottlenecks(self.main(x)), self.side(x)), dim=1))
+        # Both first, as YOLOX does: by this order the convolutions of a published file are told apart.
+        main, side = self.main(x), self.side(x)
+        return self.merge(torch.cat((self.bottlenecks(main), side), dim=1))
 
 
 class SpatialPyramid(nn.Module):

@@ -16,8 +16,8 @@ _DEPTH_WIDTH: dict[str, tuple[float, float]] = {
     "l": (1.0, 1.0),
     "x": (1.33, 1.25),
 }
-"""Depth and width factors of YOLOX (its `exps/default`). Its nano has depthwise convolutions, ours plain ones: they
-learn more from as many pictures, and with bf16 a training step on a CPU takes no longer."""
+"""Depth and width factors of YOLOX (its `exps/default`). Its nano has depthwise convolutions, ours plain ones unless
+`depthwise` is set: without published weights they learn more from as many pictures."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +36,8 @@ class ModelConfig:
     """Levels of the head, a run that ends at 32; RTMO uses 16 and 32, small parts need 8."""
     bins: int = 256
     """Bins per axis of the coordinate classifier."""
+    depthwise: bool = False
+    """Depthwise 3x3 convolutions in the backbone and in YOLOX's neck, as in its published nano."""
 
     def __post_init__(self) -> None:
         if self.size not in _DEPTH_WIDTH:
@@ -54,6 +56,11 @@ class ModelConfig:
     def width(self) -> float:
         """Factor on channels."""
         return _DEPTH_WIDTH[self.size][1]
+
+    @property
+    def stem_channels(self) -> int:
+        """Channels of the backbone's first layer."""
+        return round(64 * self.width)
 
     @property
     def channels(self) -> tuple[int, int, int]:

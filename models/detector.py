@@ -15,6 +15,9 @@ from models.dcc import DccOutputs, DynamicCoordinateClassifier
 from models.head import Head
 from models.neck import build_neck
 
+OFFSET, SCALE = 114.0, 64.0
+"""Of the pixels: grey is 0 and the range is about one, so that the first layer starts well scaled."""
+
 
 class RawOutputs(NamedTuple):
     """Outputs of all A cells of all levels; pixels of the network's input.
@@ -67,8 +70,7 @@ class Detector(nn.Module):
 
     def forward(self, images: Tensor) -> RawOutputs:
         """Images (B, 3, H, W) float RGB 0..255, H and W multiples of 32, to the outputs of every cell."""
-        # Grey is 0 and the range is about one, so that the first layer starts well scaled.
-        features = self.neck(self.backbone((images - 114.0) / 64.0))
+        features = self.neck(self.backbone((images - OFFSET) / SCALE))
         outputs, centres, strides = self.head(features)
         return RawOutputs(*outputs, centres, strides)
 

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from models.blocks import ConvBlock, CspBlock, RepBlock
+from models.blocks import ConvBlock, CspBlock, RepBlock, conv3x3
 from models.config import ModelConfig
 
 
@@ -25,15 +25,15 @@ class Pafpn(nn.Module):
         c3, c4, c5 = config.channels
 
         def csp(inputs: int, outputs: int) -> CspBlock:
-            return CspBlock(inputs, outputs, config.repeats(3), shortcut=False)
+            return CspBlock(inputs, outputs, config.repeats(3), config.depthwise, shortcut=False)
 
         self.lateral5 = ConvBlock(c5, c4, 1)
         self.down4 = csp(2 * c4, c4)
         self.lateral4 = ConvBlock(c4, c3, 1)
         self.down3 = csp(2 * c3, c3)
-        self.reduce3 = ConvBlock(c3, c3, 3, 2)
+        self.reduce3 = conv3x3(c3, c3, 2, config.depthwise)
         self.up4 = csp(2 * c3, c4)
-        self.reduce4 = ConvBlock(c4, c4, 3, 2)
+        self.reduce4 = conv3x3(c4, c4, 2, config.depthwise)
         self.up5 = csp(2 * c4, c5)
         self.levels = len(config.strides)
         self.projectors = _projectors((c3, c4, c5)[-self.levels :], config.head_channels)

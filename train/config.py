@@ -42,6 +42,8 @@ class NetworkConfig:
     """Levels of the head: 8 16 32, or 16 32 as RTMO."""
     bins: int = 256
     """Bins per axis of the coordinate classifier."""
+    depthwise: bool = False
+    """Depthwise convolutions in backbone and pafpn neck, as in the nano that YOLOX publishes."""
     input_width: int = 640
     """Pixels, a multiple of 32."""
     input_height: int = 640
@@ -108,7 +110,8 @@ class NetworkConfig:
                 f"every object needs the same number of keypoints, but they have {counts}; "
                 "write keypoints.json into the models folder."
             )
-        return ModelConfig(len(counts), self.size, self.neck, next(iter(counts.values())), self.strides, self.bins)
+        keypoints = next(iter(counts.values()))
+        return ModelConfig(len(counts), self.size, self.neck, keypoints, self.strides, self.bins, self.depthwise)
 
 
 @dataclass(frozen=True)
@@ -270,8 +273,8 @@ class TrainConfig:
     validate_every: int = 5
     """Epochs between validations; the last epoch always ends with one."""
     initial: Path | None = None
-    """Checkpoint of another training, of other classes maybe, whose weights this one begins with; layers of other
-    shapes, as those of the classes, begin as in any training."""
+    """What to begin with: a checkpoint of another training, of other classes maybe (layers of other shapes, as those of
+    the classes, begin as in any training), or a YOLOX of the same size as its authors publish it (yolox_nano.onnx)."""
     seed: int = 0
     """Of the first weights, the order and the augmentation."""
     precision: Literal["fp32", "bf16"] = "fp32"

@@ -25,14 +25,18 @@ from train.checkpoint import RunState, find_checkpoint, load_views, restore, sav
 from train.config import WINDOWS, StageConfig, TrainConfig
 from train.criterion import criterion, total
 from train.distributed import Group, StopSignal, process_group
-from train.loader import Batch, EpochSampler, TrainingSet, ValidationSet, training_loader
+from train.loader import Batch, EpochSampler, TrainingSet, ValidationSet, collate, training_loader
 from train.optimizer import MovingAverage, build_optimizer, learning_rate
+from train.published import is_published, take_published
 from train.samples import PictureStore, TrainedObject, prepare_objects, read_records
 from train.shared_norm import share_norms
 from train.validate import figures, is_better, predict
 
 LOG_EVERY = 20
 """Steps between points in TensorBoard."""
+
+_CALIBRATION = 16
+"""Pictures from which the normalisations of a published network get their statistics."""
 
 log = logging.getLogger(__name__)
 
@@ -87,17 +91,25 @@ class Run:
             share_norms(self.detector)
         self.parameters = list(self.detector.parameters())
         self.optimizer = build_optimizer(self.detector, config.weight_decay)
-        learnt = load_views(checkpoint, self.catalogue) if checkpoint else {}
+        learnt = load_views(checkpoint, self.catalogue) if checkpoint and not is_published(checkpoint) else {}
         self.dataset, self.validation, self.objects = _datasets(config, self.catalogue, learnt, progress)
         self.sampler = EpochSampler(len(self.dataset), config.batch_size, config.seed, group.rank, group.processes)
         self.state = RunState(0, 0, config.network.input_width, config.network.input_height)
 
-    def begin_with(self, folder: Path) -> None:
-        """Takes over the weights of another training, see `take_over`."""
-        fresh = take_over(folder, self.detector)
+    def begin_with(self, path: Path) -> None:
+        """Takes over the weights of another training, see `take_over`, or those that `take_published` reads."""
+        if is_published(path):
+            fresh = take_published(path, self.detector, self._first_pictures())
+        else:
+            fresh = take_over(path, self.detector)
         self.average.model.load_state_dict(self.detector.state_dict())
         if self.group.leads:
-            log.info("weights of %s; new are: %s", folder, ", ".join(fresh) or "none")
+            log.info("weights of %s; new are: %s", path, ", ".join(fresh) or "none")
+
+    def _first_pictures(self) -> Tensor:
+        stage, _ = self.config.stages.at(0)
+        indices = _spread(len(self.dataset), _CALIBRATION)
+        return collate([self.dataset[0, index, stage] for index in indices]).images.to(self.group.device)
 
     def resume(self, folder: Path) -> None:
         """Continues from a checkpoint."""

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import yaml
 
+from models.config import Size
 from multicam.config import from_mapping, parse_command, read_yaml
 from multicam.dataset.bop_reader import ImageRecord, read_image
 from multicam.dataset.objects import Catalogue, load_catalogue
@@ -36,6 +37,7 @@ from train.choices import (
     input_sizes,
 )
 from train.config import TrainConfig
+from train.published import published_size
 from train.samples import project, read_records
 
 log = logging.getLogger(__name__)
@@ -56,6 +58,9 @@ class NewConfig:
     """BOP models folder with keypoints.json."""
     data: Path | None = None
     """Data set folder with the splits train and val; DATA of MODELS = DATA/models if left out. It may be empty yet."""
+    initial: Path | None = None
+    """Published YOLOX to begin with, yolox_nano.onnx and so on (docs/training.md says where from); its size is taken.
+    What it has seen need not be learnt again, which takes a CPU hours."""
     output: Path = Path("train.yaml")
     """Configuration to write; never overwritten."""
 
@@ -73,7 +78,7 @@ def main(argv: list[str]) -> None:
     catalogue = read_parts(config.models)
     data = config.data or config.models.absolute().parent
     pictures = look_at(data, catalogue)
-    write_text(config.output, compose(config.models, data, catalogue, pictures, Machine.here()))
+    write_text(config.output, compose(config, data, catalogue, pictures, Machine.here()))
     log.info("wrote %s; next:\n%s", config.output, "\n".join(next_commands(config, data, catalogue, pictures)))
 
 
@@ -138,15 +143,16 @@ def next_commands(config: NewConfig, data: Path, catalogue: Catalogue, pictures:
     return [*commands, *(f"  multicam train --config {file}{option}" for option in (" --sanity", " --dry-run", ""))]
 
 
-def compose(models: Path, data: Path, catalogue: Catalogue, pictures: Pictures, machine: Machine) -> str:
+def compose(config: NewConfig, data: Path, catalogue: Catalogue, pictures: Pictures, machine: Machine) -> str:
     """The configuration as YAML, every choice with its reason above it.
 
     Raises:
         ConfigError: the recipe does not fit this version.
+        DataError: what to begin with is no published YOLOX.
     """
     path = _GPU if machine.gpu_memory else _CPU
     recipe = read_yaml(path)
-    size, why_size = choose_size(len(catalogue.objects), machine)
+    size, depthwise, why_size = _network(config, len(catalogue.objects), machine)
     width, height, why_input = choose_input(pictures, machine)
     bins, why_bins = choose_bins(pictures, width)
     inputs = input_sizes(pictures, width, height)
@@ -156,12 +162,13 @@ def compose(models: Path, data: Path, catalogue: Catalogue, pictures: Pictures, 
     workers, why_workers = choose_workers(machine)
     epochs = sum(stage["epochs"] for stage in stages.values())
     shape = {key: recipe["network"][key] for key in ("neck", "strides") if key in recipe["network"]}
-    network = {"size": size, **shape, "bins": bins, **inputs}
-    folders = {"train": [str(data / "train")], "validation": [str(data / "val")], "models": str(models)}
+    network = {"size": size, "depthwise": depthwise, **shape, "bins": bins, **inputs}
+    folders = {"train": [str(data / "train")], "validation": [str(data / "val")], "models": str(config.models)}
     cache = pictures.count * pictures.width * pictures.height * _PIXEL < _CACHED
     source = "measured" if pictures.rendered else "expected; nothing is rendered yet"
     kept = {key: recipe[key] for key in ("augment", "ema_decay", "least_positives") if key in recipe}
     steps = max(pictures.count // each_step, 1) * epochs
+    begin = [Choice({"initial": str(config.initial)}, "What backbone and neck begin with.")] if config.initial else []
     sections = (
         Choice({"output": f"runs/{data.absolute().name}"}, "Checkpoints and TensorBoard."),
         Choice(
@@ -170,6 +177,7 @@ def compose(models: Path, data: Path, catalogue: Catalogue, pictures: Pictures, 
             f"take less than {_CACHED / 1e9:.0f} GB.",
         ),
         Choice({"network": network}, f"{why_size} {why_input} {why_bins}"),
+        *begin,
         Choice({"stages": stages}, why_stages),
         Choice(kept, f"As in configs/train/{path.name}."),
         Choice({"batch_size": batch}, why_batch),
@@ -186,6 +194,15 @@ def compose(models: Path, data: Path, catalogue: Catalogue, pictures: Pictures, 
     parts = ", ".join(part.name for part in catalogue.objects.values())
     head = f"{len(catalogue.objects)} parts: {parts}. Written by `multicam train new`; change what you know better."
     return _comment(head) + "".join(f"\n{_comment(choice.reason)}{_dump(choice.value)}" for choice in sections)
+
+
+def _network(config: NewConfig, classes: int, machine: Machine) -> tuple[Size, bool, str]:
+    """Size, whether convolutions are depthwise, and why."""
+    if config.initial:
+        size, depthwise = published_size(config.initial)
+        return size, depthwise, f"{size}: that of {config.initial.name}."
+    size, why = choose_size(classes, machine)
+    return size, False, why
 
 
 def _sides(record: ImageRecord, catalogue: Catalogue) -> list[float]:

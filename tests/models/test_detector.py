@@ -8,6 +8,7 @@ from models.detector import Detector, count_parameters
 VARIANTS = [
     ModelConfig(3, "nano"),
     ModelConfig(3, "nano", strides=(16, 32)),
+    ModelConfig(3, "nano", depthwise=True),
     ModelConfig(2, "tiny", "hybrid", num_keypoints=9),
     ModelConfig(2, "tiny", "hybrid", strides=(16, 32), bins=64),
 ]

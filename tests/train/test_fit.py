@@ -13,28 +13,11 @@ from multicam.errors import ConfigError
 from multicam.files import read_json
 from multicam.progress import SilentProgress
 from tests.train.toy_pictures import write_toy_dataset
-from train.config import DataConfig, NetworkConfig, StageConfig, StagesConfig, TrainConfig
+from train.config import StageConfig, StagesConfig, TrainConfig
 from train.distributed import process_group
 from train.fit import Run, fit
 from train.samples import prepare_objects
 from train.validate import Prediction
-
-
-@pytest.fixture
-def config(tmp_path: Path) -> TrainConfig:
-    write_toy_dataset(tmp_path, 2)
-    # Steps too small to be seen.
-    stage = StageConfig(1, 1e-12, 1e-12, oks_sigma=0.25)
-    none = replace(stage, epochs=0)
-    return TrainConfig(
-        output=tmp_path / "run",
-        data=DataConfig((tmp_path / "train",), (), tmp_path / "models"),
-        network=NetworkConfig("nano", "pafpn", (8, 16, 32), 16, 64, 64),
-        stages=StagesConfig(stage, none, none),
-        batch_size=2,
-        workers=0,
-        threads=1,
-    )
 
 
 def weights(folder: Path, file: str = "model") -> dict[str, torch.Tensor]:
