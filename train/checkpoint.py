@@ -208,10 +208,11 @@ def take_over(folder: Path, model: nn.Module) -> list[str]:
     taken, all_of_it = (sum(ours[n].numel() for n in names) for names in (fitting, ours))
     if 2 * taken < all_of_it:
         there = load_model_config(folder)
+        convolutions = "depthwise" if there.depthwise else "plain"
         raise ModelError(
-            f"{folder} holds a {there.size} network with the neck {there.neck}, strides {there.strides} and "
-            f"{there.bins} bins; only {taken / all_of_it:.0%} of the network of this configuration is in it. "
-            "Choose the same size and neck, or leave `initial` out."
+            f"{folder} holds a {there.size} network with {convolutions} convolutions, the neck {there.neck}, strides "
+            f"{there.strides} and {there.bins} bins; only {taken / all_of_it:.0%} of the network of this configuration "
+            "is in it. Choose the same size, convolutions and neck, or leave `initial` out."
         )
     model.load_state_dict(fitting, strict=False)
     return [name for name in ours if name not in fitting]

@@ -42,8 +42,6 @@ class NetworkConfig:
     """Levels of the head: 8 16 32, or 16 32 as RTMO."""
     bins: int = 256
     """Bins per axis of the coordinate classifier."""
-    depthwise: bool = False
-    """Depthwise convolutions in backbone and pafpn neck, as in the nano that YOLOX publishes."""
     input_width: int = 640
     """Pixels, a multiple of 32."""
     input_height: int = 640
@@ -53,6 +51,8 @@ class NetworkConfig:
     renderer makes them; at least half of the input, for four of them are learnt as one. 0 where pictures are whole."""
     window_height: int = 0
     """See window_width."""
+    depthwise: bool = False
+    """Depthwise convolutions in backbone and pafpn neck, as in the nano that YOLOX publishes."""
 
     def __post_init__(self) -> None:
         for what, (width, height) in {"input": self.input_size, "window": self.window_size}.items():
