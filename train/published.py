@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, get_args
+from typing import get_args
 
 import onnx
 import torch
@@ -68,13 +68,15 @@ def take_published(path: Path, detector: Detector, images: Tensor) -> list[str]:
             f"{str(depthwise).lower()}, not {config.size} and {str(config.depthwise).lower()}."
         )
     kernels[0] = _without_space_to_depth(*kernels[0])
-    if [weight.shape for weight, _ in kernels[: len(blocks)]] != [block.conv.weight.shape for block in blocks]:
+    # The rest of the file is its head.
+    kernels = kernels[: len(blocks)]
+    if [weight.shape for weight, _ in kernels] != [block.conv.weight.shape for block in blocks]:
         raise _not_yolox(path, "its convolutions are not those of backbone and neck")
-    for block, (weight, _) in zip(blocks, kernels, strict=False):
+    for block, (weight, _) in zip(blocks, kernels, strict=True):
         block.conv.weight.copy_(weight)
     hooks = [
         block.norm.register_forward_pre_hook(partial(_normalise, bias=bias.to(images.device)))
-        for block, (_, bias) in zip(blocks, kernels, strict=False)
+        for block, (_, bias) in zip(blocks, kernels, strict=True)
     ]
     training = detector.training
     detector.eval()(images.float())
@@ -126,7 +128,7 @@ def _without_space_to_depth(weight: Tensor, bias: Tensor) -> Kernel:
     return wide * SCALE, bias + OFFSET * wide.sum(dim=(1, 2, 3))
 
 
-def _normalise(norm: nn.BatchNorm2d, inputs: tuple[Tensor], *, bias: Tensor) -> Any:
+def _normalise(norm: nn.BatchNorm2d, inputs: tuple[Tensor], *, bias: Tensor) -> None:
     """Before a normalisation runs: statistics of what it is given, and outputs that are its inputs plus the bias."""
     var, mean = torch.var_mean(inputs[0], dim=(0, 2, 3), correction=0)
     assert norm.running_mean is not None and norm.running_var is not None

@@ -62,7 +62,7 @@ def pictures(seed: int) -> Tensor:
 
 
 def publish(path: Path, config: ModelConfig) -> Yolox:
-    """Writes the file, as YOLOX's own exporter would, and returns its network."""
+    """Writes the file, with the convolutions in the order of YOLOX's, and returns its network."""
     yolox = Yolox(with_lively_statistics(build(config, seed=1)))
     torch.onnx.export(yolox.eval(), (pictures(0)[:1].flip(1),), path, dynamo=True, external_data=False, verbose=False)
     return yolox
