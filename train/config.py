@@ -10,6 +10,8 @@ from models.config import ModelConfig, NeckName, Size
 from multicam.dataset.objects import Catalogue
 from multicam.errors import ConfigError, DataError
 
+OptimizerName = Literal["adamw", "muon"]
+
 WINDOWS = 4
 """Windows that are put together to one picture in training."""
 
@@ -257,8 +259,10 @@ class TrainConfig:
     """Pictures per step and process."""
     warmup_steps: int = 1000
     """Steps of quadratic warm-up at the start of the run."""
+    optimizer: OptimizerName = "adamw"
+    """adamw, as RTMO; or muon: orthogonalised momentum for the kernels of convolutions, by the same learning rates."""
     weight_decay: float = 0.05
-    """Of AdamW; never on biases and normalisations."""
+    """Never on biases and normalisations."""
     gradient_clip: float = 10.0
     """Greatest norm of the gradient."""
     ema_decay: float = 0.9998

@@ -1,22 +1,105 @@
-"""AdamW without decay on biases and norms, the learning rate of each step, the moving average of the weights."""
+"""AdamW or Muon, the learning rate of each step, the moving average of the weights."""
 
 from __future__ import annotations
 
 import copy
 import math
+from collections import defaultdict
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import torch
-from torch import nn
+from torch import Tensor, nn
 
-from train.config import StagesConfig
+from train.config import OptimizerName, StagesConfig
+
+_MOMENTUM = 0.95
+_STEPS = 5
+_QUINTIC = (3.4445, -4.7750, 2.0315)
+"""Coefficients of the iteration, from Jordan's post (see `Muon`): singular values end between 0.7 and 1.2."""
+_RMS = 0.2
+"""Root mean square of AdamW's updates, roughly; with it both optimisers take the same learning rates (Liu et al.)."""
 
 
-def build_optimizer(model: nn.Module, weight_decay: float) -> torch.optim.AdamW:
-    """AdamW whose decay leaves alone all that is not a matrix or a kernel."""
-    matrices = [p for p in model.parameters() if p.ndim > 1]
-    vectors = [p for p in model.parameters() if p.ndim <= 1]
-    groups = [{"params": matrices, "weight_decay": weight_decay}, {"params": vectors, "weight_decay": 0.0}]
-    return torch.optim.AdamW(groups, lr=0.0, fused=True)
+class Muon(torch.optim.AdamW):
+    """Orthogonalised momentum for the kernels of convolutions, AdamW for all else.
+
+    Of a kernel's Nesterov momentum only the directions are kept: its singular values are all brought close to 1, so
+    that rare directions are learnt as fast as common ones. A kernel is a matrix of outputs by inputs times places; each
+    group of a grouped convolution is one. Sources: Jordan et al., "Muon: An optimizer for hidden layers in neural
+    networks", 2024; size of the update by Liu et al., "Muon is Scalable for LLM Training", arXiv 2502.16982, sec. 2.2.
+
+    Args:
+        groups: Parameter groups for AdamW; those with `convolutions` (number of groups of each kernel) go by momentum.
+    """
+
+    def __init__(self, groups: Sequence[dict[str, Any]]) -> None:
+        super().__init__([{"convolutions": (), **group} for group in groups], lr=0.0, fused=True)
+
+    @torch.no_grad()
+    def step(self, closure: Callable[[], Any] | None = None) -> None:  # pyright: ignore[reportIncompatibleMethodOverride]
+        """One step; gradients must be there."""
+        groups = self.param_groups
+        try:
+            self.param_groups = [group for group in groups if not group["convolutions"]]
+            super().step(closure)
+        finally:
+            self.param_groups = groups
+        for group in groups:
+            if group["convolutions"]:
+                self._step_kernels(group)
+
+    def _step_kernels(self, group: dict[str, Any]) -> None:
+        shapes: dict[torch.Size, list[tuple[nn.Parameter, Tensor]]] = defaultdict(list)
+        for kernel, count in zip(group["params"], group["convolutions"], strict=True):
+            state = self.state[kernel]
+            if "momentum" not in state:
+                state["momentum"] = torch.zeros_like(kernel)
+            momentum = state["momentum"].lerp_(kernel.grad, 1 - _MOMENTUM)
+            ahead = kernel.grad.lerp(momentum, _MOMENTUM)
+            matrices = ahead.reshape(count, kernel.shape[0] // count, -1)
+            shapes[matrices.shape[1:]].append((kernel, matrices))
+        for (rows, columns), pairs in shapes.items():
+            updates = orthogonalized(torch.cat([matrices for _, matrices in pairs]))
+            size = _RMS * math.sqrt(max(rows, columns))
+            for (kernel, _), update in zip(pairs, updates.split([len(m) for _, m in pairs]), strict=True):
+                kernel.mul_(1 - group["lr"] * group["weight_decay"])
+                kernel.sub_(update.reshape(kernel.shape), alpha=group["lr"] * size)
+
+
+def orthogonalized(matrices: Tensor) -> Tensor:
+    """The nearest matrices with orthonormal rows or columns, roughly: their singular values lie between 0.7 and 1.2.
+
+    Args:
+        matrices: (..., M, N).
+    """
+    tall = matrices.shape[-2] > matrices.shape[-1]
+    x = matrices.mT if tall else matrices
+    x = x / x.norm(dim=(-2, -1), keepdim=True).clamp(min=1e-30)
+    a, b, c = _QUINTIC
+    for _ in range(_STEPS):
+        gram = x @ x.mT
+        x = a * x + (b * gram + c * gram @ gram) @ x
+    return x.mT if tall else x
+
+
+def build_optimizer(model: nn.Module, name: OptimizerName, weight_decay: float) -> torch.optim.Optimizer:
+    """AdamW, or Muon, whose decay leaves alone all that is no matrix or kernel.
+
+    Muon takes the kernels that a normalisation follows, which have no bias, but for those within single channels, which
+    are no matrices.
+    """
+    convolutions = [m for m in model.modules() if name == "muon" and isinstance(m, nn.Conv2d) and m.bias is None]
+    kernels = {m.weight: m.groups for m in convolutions if m.groups < m.out_channels}
+    others = [p for p in model.parameters() if p not in kernels]
+    groups: list[dict[str, Any]] = [
+        {"params": [p for p in others if p.ndim > 1], "weight_decay": weight_decay},
+        {"params": [p for p in others if p.ndim <= 1], "weight_decay": 0.0},
+    ]
+    if name == "adamw":
+        return torch.optim.AdamW(groups, lr=0.0, fused=True)
+    orthogonal = {"params": list(kernels), "weight_decay": weight_decay, "convolutions": tuple(kernels.values())}
+    return Muon([*groups, orthogonal])
 
 
 def learning_rate(stages: StagesConfig, steps_per_epoch: int, warmup_steps: int, step: int) -> float:

@@ -1,5 +1,6 @@
 from dataclasses import replace
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -22,19 +23,22 @@ from train.checkpoint import (
     save_checkpoint,
     take_over,
 )
+from train.config import OptimizerName
 from train.optimizer import MovingAverage, build_optimizer
 
 CONFIG = ModelConfig(2, "nano", bins=16)
 VIEWS = {5: so3.exp(np.array([0.3, -0.2, 0.9]))}
 
 
-def fresh(seed: int = 0, config: ModelConfig = CONFIG) -> tuple[Detector, MovingAverage, torch.optim.AdamW]:
+def fresh(
+    seed: int = 0, config: ModelConfig = CONFIG, optimizer: OptimizerName = "adamw"
+) -> tuple[Detector, MovingAverage, torch.optim.Optimizer]:
     torch.manual_seed(seed)
     detector = Detector(config)
-    return detector, MovingAverage(detector, 0.9), build_optimizer(detector, 0.05)
+    return detector, MovingAverage(detector, 0.9), build_optimizer(detector, optimizer, 0.05)
 
 
-def step(detector: Detector, average: MovingAverage, optimizer: torch.optim.AdamW) -> None:
+def step(detector: Detector, average: MovingAverage, optimizer: torch.optim.Optimizer) -> None:
     raw = detector(torch.rand(1, 3, 64, 64) * 255)
     optimizer.zero_grad()
     (raw.boxes.mean() + raw.class_logits.mean()).backward()
@@ -44,16 +48,17 @@ def step(detector: Detector, average: MovingAverage, optimizer: torch.optim.Adam
     average.update()
 
 
-def save(folder: Path, run: tuple[Detector, MovingAverage, torch.optim.AdamW], state: RunState) -> None:
+def save(folder: Path, run: tuple[Detector, MovingAverage, torch.optim.Optimizer], state: RunState) -> None:
     save_checkpoint(folder, *run, CONFIG, toy_objects()[0], VIEWS, state)
 
 
-def test_a_restored_run_continues_bit_by_bit(tmp_path: Path) -> None:
-    run = fresh()
+@pytest.mark.parametrize("optimizer", get_args(OptimizerName))
+def test_a_restored_run_continues_bit_by_bit(tmp_path: Path, optimizer: OptimizerName) -> None:
+    run = fresh(optimizer=optimizer)
     step(*run)
     save(tmp_path / "last", run, RunState(0, 1, 64, 64, ema_updates=1))
     step(*run)
-    other = fresh(seed=5)
+    other = fresh(seed=5, optimizer=optimizer)
     state = restore(tmp_path / "last", *other)
     # The picture of the next step is random: it repeats only if the random state came back too.
     step(*other)
