@@ -23,6 +23,7 @@ from multicam.bundle.adjustment.adjust import adjust
 from multicam.bundle.adjustment.config import AdjustmentConfig
 from multicam.bundle.adjustment.registered import EstimateNoise, component_of, scene_of
 from multicam.bundle.adjustment.scene import Body, Picture
+from multicam.bundle.scenery.config import SceneryConfig
 from multicam.bundle.viewpoints.cache import load_viewpoints
 from multicam.bundle.viewpoints.generate import ViewpointConfig
 from multicam.commands.candidates import read_candidates
@@ -37,6 +38,7 @@ from multicam.types import Registration, View
 
 VARIANTS = {
     "joint": AdjustmentConfig(),
+    "joint, scenery": AdjustmentConfig(scenery=SceneryConfig()),
     "in turns (paper)": AdjustmentConfig(joint=False),
     "without modelled occlusion": AdjustmentConfig(modelled_occlusion=False),
 }

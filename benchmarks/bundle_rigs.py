@@ -29,6 +29,7 @@ from multicam.bundle.adjustment.search import Found, edge_poses, find_occluders,
 from multicam.bundle.depth_image import DepthImage
 from multicam.bundle.levenberg import LevenbergConfig, minimize
 from multicam.bundle.problem import Problem, State
+from multicam.bundle.scenery.config import SceneryConfig
 from multicam.bundle.viewpoints.cache import load_viewpoints
 from multicam.bundle.viewpoints.generate import ViewpointConfig
 from multicam.dataset.objects import ObjectModel
@@ -55,8 +56,10 @@ RGB = AdjustmentConfig(depth=None, measured_occlusion=False)
 RGBD = AdjustmentConfig()
 VARIANTS = {
     "RGB, joint": RGB,
+    "RGB, joint, scenery": replace(RGB, scenery=SceneryConfig()),
     "RGB, in turns (paper)": replace(RGB, joint=False),
     "RGB-D, joint": RGBD,
+    "RGB-D, joint, scenery": replace(RGBD, scenery=SceneryConfig()),
     "RGB-D, in turns (paper)": replace(RGBD, joint=False),
     "RGB-D, no region": replace(RGBD, region=None),
     "RGB-D, no occlusion": replace(RGBD, modelled_occlusion=False, measured_occlusion=False),

@@ -8,7 +8,7 @@ import numpy as np
 
 from multicam.bundle.compiled import add_edges, eliminate
 from multicam.bundle.factor import Linearization
-from multicam.bundle.odometry import PairLinearization
+from multicam.bundle.pair import PairLinearization
 from multicam.matching.arrays import BoolArray, IntArray
 from multicam.matching.linear import apply, congruent, inverse, solve
 from multicam.types import FloatArray

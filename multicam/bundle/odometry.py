@@ -6,25 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from multicam.bundle.pair import PairLinearization, relative_poses
 from multicam.geometry import se3
 from multicam.matching.arrays import IntArray
 from multicam.matching.linear import apply, squared_norm
 from multicam.types import FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class PairLinearization:
-    """Second-order model of energies that depend on two poses each, in the right tangents of both.
-
-    Attributes:
-        energy: (m,).
-        gradient: (m, 12), of the first pose and then of the second.
-        hessian: (m, 12, 12) positive semidefinite (Gauss-Newton).
-    """
-
-    energy: FloatArray
-    gradient: FloatArray
-    hessian: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,15 +29,10 @@ class OdometryFactor:
     information: FloatArray
 
     def linearize(self, world_from_camera: FloatArray) -> PairLinearization:
-        """At the poses (c, 4, 4) of all cameras.
-
-        A motion of the second pose moves r by left_jacobian_inverse(-r), one of the first by minus that times
-        Ad(second_from_first).
-        """
-        relative = se3.inverse(world_from_camera[self.first]) @ world_from_camera[self.second]
+        """See PairFactor. A motion of first_from_second moves r by left_jacobian_inverse(-r)."""
+        relative, moves = relative_poses(world_from_camera, self.first, self.second)
         residual = se3.minus(relative, self.measured)
-        of_second = se3.left_jacobian_inverse(-residual)
-        jacobian = np.concatenate((-of_second @ se3.adjoint(se3.inverse(relative)), of_second), axis=-1)
+        jacobian = se3.left_jacobian_inverse(-residual) @ moves
         pulled = np.swapaxes(jacobian, -1, -2) @ self.information
         return PairLinearization(
             energy=squared_norm(residual, self.information) / 2,

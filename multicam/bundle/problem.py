@@ -15,7 +15,7 @@ import numpy as np
 from multicam.bundle.compiled import edge_poses, move_cameras
 from multicam.bundle.factor import EdgeFactor, Linearization
 from multicam.bundle.normal import NormalEquations
-from multicam.bundle.odometry import OdometryFactor
+from multicam.bundle.pair import PairFactor
 from multicam.geometry import se3
 from multicam.matching.arrays import BoolArray, IntArray
 from multicam.types import FloatArray
@@ -48,12 +48,12 @@ class Problem:
     Attributes:
         factors: edges between cameras and objects.
         fixed: (c,) cameras that do not move. Each set of cameras and objects that hang together needs one.
-        motions: measured motions between cameras.
+        motions: what ties two cameras each: measured motions, and what they see beside the objects.
     """
 
     factors: Sequence[EdgeFactor]
     fixed: BoolArray
-    motions: Sequence[OdometryFactor] = ()
+    motions: Sequence[PairFactor] = ()
 
     def linearize(self, state: State) -> tuple[float, NormalEquations]:
         """Robust energy and Gauss-Newton system at a state."""

@@ -18,14 +18,27 @@ from multicam.bundle.depth_image import DepthImage
 from multicam.bundle.odometry import OdometryFactor
 from multicam.bundle.problem import Problem, State
 from multicam.bundle.robust import PLAIN
+from multicam.bundle.scenery.config import SceneryConfig
 from multicam.bundle.viewpoints.generate import ViewpointConfig, generate
 from multicam.geometry import se3
 from multicam.geometry.camera import Camera
 from multicam.geometry.mesh import Mesh
 from multicam.geometry.rasterizer import render_depth
 from multicam.matching.linear import inverse, squared_norm
-from tests.bundle.box_rig import CAMERA, camera_errors, cameras, objects, only, picture, rig, shaken, with_keypoints
+from tests.bundle.box_rig import (
+    CAMERA,
+    WALL,
+    camera_errors,
+    cameras,
+    objects,
+    only,
+    picture,
+    rig,
+    shaken,
+    with_keypoints,
+)
 from tests.bundle.box_world import box
+from tests.bundle.scenery.room import draw
 
 CONFIG = AdjustmentConfig()
 RGB = replace(CONFIG, depth=None)
@@ -136,6 +149,53 @@ def test_without_depth_one_object_moves_no_camera(rng: np.random.Generator) -> N
         answer = adjust(scene, start, CONFIG)
         assert (answer.kept_cameras.get(2) == UNCONFIRMED) is not depth
         assert np.array_equal(answer.state.world_from_camera[2], start.world_from_camera[2]) is not depth
+
+
+def before_a_room(scene: Scene, standing: np.ndarray | None = None) -> Scene:
+    """The scene with a patterned table and wall, in shades of the background's colour, where no box stands; they are
+    seen from the cameras, or from where these are said to stand."""
+    pictures: list[Picture] = []
+    for each, world_from_camera in zip(scene.pictures, cameras() if standing is None else standing, strict=True):
+        background = np.abs(each.image.astype(int) - WALL).max(axis=-1) < 50
+        shades = draw(world_from_camera)[..., :1] / 255
+        patterned = np.where(background[..., None], (0.4 + 0.9 * shades) * WALL, each.image)
+        pictures.append(replace(each, image=patterned.clip(0, 255).astype(np.uint8)))
+    return replace(scene, pictures=pictures)
+
+
+SCENERY = replace(RGB, scenery=SceneryConfig())
+
+
+def test_what_lies_beside_the_objects_shows_where_cameras_stand(rng: np.random.Generator) -> None:
+    scene, start = before_a_room(rig(rng, depth=False)), shaken(rng)
+    without, answer = (adjust(scene, start, config) for config in (RGB, SCENERY))
+    assert not answer.kept_cameras
+    assert camera_errors(answer.state)[1:].mean() < 0.6 * camera_errors(without.state)[1:].mean()
+    turned = se3.minus(answer.state.world_from_camera, cameras())[1:, :3]
+    assert np.linalg.norm(turned, axis=1).max() < 0.012
+    shift = se3.minus(cameras()[1:], answer.state.world_from_camera[1:])
+    assert np.all(squared_norm(shift, inverse(answer.camera_covariance[1:])) < 22.5)
+
+
+def test_a_camera_that_sees_one_object_moves_if_what_lies_beside_it_agrees(rng: np.random.Generator) -> None:
+    scene, start = before_a_room(rig(rng, depth=False)), shaken(rng)
+    one = only(scene, (scene.camera < 2) | (scene.object == 1))
+    without, answer = (adjust(one, start, config) for config in (RGB, SCENERY))
+    assert without.kept_cameras.get(2) == UNCONFIRMED and not answer.kept_cameras
+    assert camera_errors(answer.state)[2] < 0.7 * camera_errors(start)[2]
+
+
+def test_a_background_that_moved_along_with_a_camera_moves_no_camera_far(rng: np.random.Generator) -> None:
+    """To the second camera the room stands as to the first: as if both stood at one place, which objects contradict."""
+    scene, start = rig(rng, depth=False), shaken(rng)
+    answer = adjust(before_a_room(scene, cameras()[[0, 0, 2]]), start, SCENERY)
+    assert camera_errors(answer.state)[1:].max() < camera_errors(start)[1:].max()
+
+
+def test_a_plain_background_changes_nothing(rng: np.random.Generator) -> None:
+    scene, start = rig(rng), shaken(rng)
+    plain, asked = (adjust(scene, start, config) for config in (CONFIG, replace(CONFIG, scenery=SceneryConfig())))
+    assert np.array_equal(plain.state.world_from_camera, asked.state.world_from_camera)
 
 
 def test_a_camera_held_by_odometry_alone_follows_it(rng: np.random.Generator) -> None:

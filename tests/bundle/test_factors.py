@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 
+from multicam.bundle.bearing import BearingFactor
+from multicam.bundle.epipolar import EpipolarFactor
 from multicam.bundle.factor import Linearization
 from multicam.bundle.keypoint import KeypointFactor
 from multicam.bundle.odometry import OdometryFactor
+from multicam.bundle.pair import PairFactor
 from multicam.bundle.pose import PoseFactor
 from multicam.bundle.robust import Student
-from multicam.geometry import se3
+from multicam.geometry import se3, so3
 from tests.strategies import seeds, twists
 from tests.toy_world import CAMERA
 
@@ -62,12 +67,7 @@ def test_the_gradient_of_an_odometry_factor_is_exact_in_both_poses(
 ) -> None:
     factor, poses = odometry_factor(rng)
     poses[1] = se3.plus(poses[1], difference)
-    steps = STEP * np.eye(12).reshape(12, 2, 6)
-    numeric = [
-        (factor.linearize(se3.plus(poses, s)).energy - factor.linearize(se3.plus(poses, -s)).energy)[0] / (2 * STEP)
-        for s in steps
-    ]
-    assert_close(factor.linearize(poses).gradient[0], np.array(numeric))
+    assert_close(factor.linearize(poses).gradient[0], numeric_pair_gradient(factor, poses))
 
 
 @given(seeds())
@@ -79,6 +79,74 @@ def test_the_hessian_of_an_odometry_factor_is_exact_where_the_residual_vanishes(
         for s in steps
     ]
     assert_close(factor.linearize(poses).hessian[0], np.array(numeric))
+
+
+@given(seeds(), twists(most=2.0, reach=0.3))
+def test_the_gradient_of_a_bearing_factor_is_exact_in_both_poses_and_knows_no_length(
+    rng: np.random.Generator, difference: np.ndarray
+) -> None:
+    factor, poses = bearing_factor(rng)
+    poses[1] = se3.plus(poses[1], difference)
+    local = factor.linearize(poses)
+    assert_close(local.gradient[0], numeric_pair_gradient(factor, poses))
+    longer = poses.copy()
+    longer[1, :3, 3] += 2 * (poses[1, :3, 3] - poses[0, :3, 3])
+    assert factor.linearize(longer).energy[0] == pytest.approx(local.energy[0], rel=1e-9)
+    assert np.linalg.eigvalsh(local.hessian[0]).min() > -1e-8 * np.abs(local.hessian).max()
+
+
+@given(seeds())
+def test_the_hessian_of_a_bearing_factor_is_exact_where_the_residual_vanishes(rng: np.random.Generator) -> None:
+    factor, poses = bearing_factor(rng)
+    steps = STEP * np.eye(12).reshape(12, 2, 6)
+    numeric = [
+        (factor.linearize(se3.plus(poses, s)).gradient - factor.linearize(se3.plus(poses, -s)).gradient)[0] / (2 * STEP)
+        for s in steps
+    ]
+    local = factor.linearize(poses)
+    assert local.energy[0] == pytest.approx(0, abs=1e-12) and factor.agrees(poses).all()
+    assert_close(local.hessian[0], np.array(numeric))
+
+
+def test_a_bearing_is_whitened_by_its_covariance_and_the_opposite_one_is_far() -> None:
+    covariance = np.diag([0.1, 0.1, 0.1, 0.02, 0.02]) ** 2
+    measured = se3.exp(np.array([0, 0, 0, 0, 0, 1.0]))[None]
+    factor = BearingFactor(ONE, ONE + 1, measured, np.linalg.inv(covariance)[None])
+    turned = np.stack((np.eye(4), se3.exp(np.array([0.1, 0, 0, 0, 0, 0]))))
+    turned[1, :3, 3] = 0.7 * np.array([np.sin(0.02), 0, np.cos(0.02)])
+    # One deviation of turn and one of direction.
+    assert factor.linearize(turned).energy[0] == pytest.approx(11.07 / 2 * np.log1p(2 / 11.07), rel=1e-3)
+    assert factor.agrees(turned).all()
+    behind = turned.copy()
+    behind[1, :3, 3] *= [1, 1, -1]
+    assert not factor.agrees(behind).any()
+
+
+@given(seeds(), twists(most=0.3, reach=0.1))
+def test_the_gradient_of_an_epipolar_factor_is_exact_in_both_poses(
+    rng: np.random.Generator, difference: np.ndarray
+) -> None:
+    factor, poses = epipolar_factor(rng)
+    poses[1] = se3.plus(poses[1], difference)
+    local = factor.linearize(poses)
+    assert_close(local.gradient[0], numeric_pair_gradient(factor, poses))
+    assert np.linalg.eigvalsh(local.hessian[0]).min() > -1e-8 * np.abs(local.hessian).max()
+
+
+def test_matches_lie_on_their_lines_at_any_length_and_a_pixel_across_is_a_deviation(rng: np.random.Generator) -> None:
+    factor, poses = epipolar_factor(rng)
+    relative = (se3.inverse(poses[0]) @ poses[1])[None]
+    for length in (1.0, 3.0):
+        relative[0, :3, 3] *= length
+        assert np.allclose(factor.whitened(relative)[0], 0, atol=1e-9)
+    essential = so3.hat(relative[0, :3, 3]) @ relative[0, :3, :3]
+    line = np.c_[factor.second_ray, np.ones(len(factor.pair))] @ essential.T
+    normal = line[:, :2] / np.linalg.norm(line[:, :2], axis=1, keepdims=True)
+    # All of the error lies in the first picture, which Sampson's distance shares out between both.
+    only_first = replace(
+        factor, first_ray=factor.first_ray + 2e-3 * normal, std=np.tile([1e-3, 1e-9], (len(normal), 1))
+    )
+    assert np.allclose(np.abs(only_first.whitened(relative)[0]), 2, rtol=1e-6)
 
 
 @given(seeds())
@@ -127,6 +195,34 @@ def test_student_grows_as_the_logarithm_of_gross_errors_and_weighs_them_down() -
     step = 1e-4
     slope = (kernel.energy(squared + step) - kernel.energy(squared)) / step
     assert slope == pytest.approx(kernel.weight(squared) / 2, rel=1e-3)
+
+
+def numeric_pair_gradient(factor: PairFactor, poses: np.ndarray) -> np.ndarray:
+    """Central differences of the energy in the right tangents of both poses."""
+    steps = STEP * np.eye(12).reshape(12, 2, 6)
+    return np.array(
+        [
+            (factor.linearize(se3.plus(poses, s)).energy - factor.linearize(se3.plus(poses, -s)).energy)[0] / (2 * STEP)
+            for s in steps
+        ]
+    )
+
+
+def bearing_factor(rng: np.random.Generator) -> tuple[BearingFactor, np.ndarray]:
+    """Two cameras and what is measured of them: turn and direction."""
+    poses = se3.random(rng, 2)
+    measured = se3.inverse(poses[:1]) @ poses[1:]
+    measured[0, :3, 3] /= np.linalg.norm(measured[0, :3, 3])
+    return BearingFactor(ONE, ONE + 1, measured, information(rng)[:, :5, :5]), poses
+
+
+def epipolar_factor(rng: np.random.Generator) -> tuple[EpipolarFactor, np.ndarray]:
+    """Points before two cameras, half a metre apart."""
+    poses = se3.exp(rng.normal(size=(2, 6)) * np.repeat([0.2, 0.3], 3))
+    points = rng.uniform(-0.5, 0.5, size=(12, 3)) + np.array([0, 0, 2.0])
+    rays = [(seen := se3.act(se3.inverse(each), points))[:, :2] / seen[:, 2:] for each in poses]
+    std = rng.uniform(1e-3, 3e-3, size=(12, 2))
+    return EpipolarFactor(ONE, ONE + 1, np.zeros(12, dtype=np.int64), *rays, std, Student(1.0, 1)), poses
 
 
 def keypoint_factor(rng: np.random.Generator, error: float) -> tuple[KeypointFactor, np.ndarray]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from multicam.bundle.adjustment.alone import observe_edges
+from multicam.bundle.adjustment.bearings import find_bearings
 from multicam.bundle.adjustment.config import AdjustmentConfig
 from multicam.bundle.adjustment.descent import Participants, System
 from multicam.bundle.adjustment.scene import Scene
@@ -78,6 +79,8 @@ def adjust(scene: Scene, state: State, config: AdjustmentConfig) -> Adjusted:
     depth, a camera moves only if two objects agree on where it is, and better than their estimates did. If the energy
     does not fall, all stay.
     """
+    if config.scenery:
+        scene = replace(scene, bearings=find_bearings(scene, state, config.scenery))
     occluders = find_occluders(scene, state, config)
     colors: Sequence[ColorModel] = learn_colors(scene, scene.estimated, occluders, config)
     observed = None
@@ -163,9 +166,9 @@ def _agree(system: System, state: State, observed: PoseFactor) -> _Solution:
     )
     rest = State(state.world_from_camera, state.world_from_object[taking.object])
     factor = replace(factor, object=(np.cumsum(taking.object) - 1)[factor.object])
-    problem = Problem((factor,), taking.fixed, scene.motions)
+    problem = Problem((factor,), taking.fixed, scene.ties)
     minimum = minimize(problem, rest, LevenbergConfig())
-    cameras, objects = problem.covariances(minimum.state, problem.noise_scale(minimum.state))
+    cameras, objects = problem.covariances(minimum.state, scene.kinship * problem.noise_scale(minimum.state))
     moved, covariance = state.world_from_object.copy(), scene.object_covariance.copy()
     moved[taking.object], covariance[taking.object] = minimum.state.world_from_object, objects
     result = State(minimum.state.world_from_camera, moved)
@@ -198,7 +201,18 @@ def _doubtful(
         return np.bincount(scene.camera, taken * observed.kernel.energy(squared), len(scene.pictures)).astype(float)
 
     worse = disagreement(observed.observed, solution.state) >= disagreement(scene.estimated, before)
-    return ~taking.fixed & (worse | (_agreeing(scene, taking, solution.weight) < 2))
+    unconfirmed = worse | (_agreeing(scene, taking, solution.weight) < 2)
+    return ~taking.fixed & unconfirmed & ~_borne_out(scene, taking, solution.state)
+
+
+def _borne_out(scene: Scene, taking: Participants, state: State) -> BoolArray:
+    """(c,) cameras that a bearing from another one agrees with."""
+    borne_out = np.zeros(len(scene.pictures), dtype=np.bool_)
+    for bearings in scene.bearings:
+        holds = bearings.agrees(state.world_from_camera)
+        holds &= taking.camera[bearings.first] & taking.camera[bearings.second]
+        borne_out[bearings.first[holds]] = borne_out[bearings.second[holds]] = True
+    return borne_out
 
 
 def _agreeing(scene: Scene, taking: Participants, weight: FloatArray) -> IntArray:

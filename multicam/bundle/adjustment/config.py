@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 
 from multicam.bundle.depth.config import DepthConfig
 from multicam.bundle.region.config import RegionConfig
+from multicam.bundle.scenery.config import SceneryConfig
 
 
 @dataclass(frozen=True)
@@ -24,6 +25,8 @@ class AdjustmentConfig:
         )
     )
     """Points of the depth pictures, where there are any; null leaves them out."""
+    scenery: SceneryConfig | None = None
+    """What two pictures share beside the objects; it shows turns and directions of cameras, but must stand still."""
     searches: int = 7
     """Searches for lines and points."""
     updates: int = 2

@@ -124,7 +124,7 @@ class System:
             kernel, squared = prior.kernel, 2 * terms.energy
             share = kernel.weight(squared) if damped else kernel.information(squared)
             system.add_edges(prior.camera, prior.object, at, terms, share * taking.both(prior.camera, prior.object))
-        for motion in scene.motions:
+        for motion in scene.ties:
             system.add_motions(motion.first, motion.second, motion.linearize(state.world_from_camera))
         # An object that takes no part has no gradient and stays, whatever stands here.
         system.object_hessian[~taking.object] += np.eye(6)
@@ -137,7 +137,7 @@ class System:
         total = float(weight @ found.linearize(edge_poses(scene, state)).energy)
         for prior, _, terms in self._priors(state):
             total += float(taking.both(prior.camera, prior.object) @ prior.kernel.energy(2 * terms.energy))
-        return total + sum(float(each.linearize(state.world_from_camera).energy.sum()) for each in scene.motions)
+        return total + sum(float(each.linearize(state.world_from_camera).energy.sum()) for each in scene.ties)
 
     def _priors(self, state: State) -> Iterator[tuple[EdgeFactor, FloatArray, Linearization]]:
         """What was estimated before, with the poses of its edges at a state and its energy there."""

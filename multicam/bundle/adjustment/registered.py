@@ -65,8 +65,8 @@ def scene_of(
     # T exp(xi) S = T S exp(Ad(S^-1) xi).
     twin = chosen.frame_from_object @ turn
     covariance = congruent(se3.adjoint(se3.inverse(turn)), chosen.covariance)
-    if noise.learned is not None:
-        covariance = covariance / noise.learned.kinship
+    kinship = 1.0 if noise.learned is None else noise.learned.kinship
+    covariance = covariance / kinship
     taken = [pictures[each.view_id] for each in component.cameras]
     given = {view.view_id: view.estimates for view in views}
     behind = [given[view_id][index] for _, _, view_id, index in edges]
@@ -82,6 +82,7 @@ def scene_of(
         camera_covariance=np.array([each.covariance for each in component.cameras]),
         object_covariance=np.array([placed.covariance for placed in component.objects]).reshape(-1, 6, 6),
         keypoints=keypoints.as_sure_as(twin, covariance),
+        kinship=kinship,
     )
     return scene, state
 

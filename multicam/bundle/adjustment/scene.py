@@ -8,10 +8,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from multicam.bundle.adjustment.keypoints import EdgeKeypoints
+from multicam.bundle.bearing import BearingFactor
 from multicam.bundle.depth_image import DepthImage
 from multicam.bundle.factor import EdgeFactor
 from multicam.bundle.ideal import require_ideal
 from multicam.bundle.odometry import OdometryFactor
+from multicam.bundle.pair import PairFactor
 from multicam.bundle.pose import PoseFactor
 from multicam.bundle.robust import Student
 from multicam.bundle.viewpoints.model import ViewpointModel
@@ -60,6 +62,8 @@ class Scene:
         information: (e, 6, 6) inverse covariances of the right perturbations of `estimated`.
         fixed: (c,) cameras that do not move. Each set of cameras that hang together needs one.
         motions: measured motions between cameras.
+        kinship: how much larger the variances of the estimates are than their agreement shows, for they err alike.
+        bearings: motions whose lengths nobody measured, as the pictures show them beside the objects.
         keypoints: what a detector saw of some edges. There they say what the estimate would, and their reprojection
             holds further from it than a covariance does.
         camera_covariance, object_covariance: (c, 6, 6) and (o, 6, 6) of the poses to begin with (right tangents); none
@@ -76,6 +80,8 @@ class Scene:
     camera_covariance: FloatArray
     object_covariance: FloatArray
     motions: Sequence[OdometryFactor] = ()
+    kinship: float = 1.0
+    bearings: Sequence[BearingFactor] = ()
     keypoints: EdgeKeypoints = field(default_factory=EdgeKeypoints.none)
 
     def priors(self, tail: float) -> tuple[EdgeFactor, ...]:
@@ -86,6 +92,11 @@ class Scene:
         )
         keypoints = self.keypoints.factor(self.camera, self.object, Student(tail, 2))
         return tuple(factor for factor in (poses, keypoints) if len(factor.camera))
+
+    @property
+    def ties(self) -> tuple[PairFactor, ...]:
+        """All that ties two cameras each."""
+        return (*self.motions, *self.bearings)
 
     def trusted(self, share: float) -> Scene:
         """The same with a share of the information of the estimates."""

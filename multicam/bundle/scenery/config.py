@@ -1,0 +1,34 @@
+"""Parameters of the scenery."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class SceneryConfig:
+    """How points beside the objects are matched, and what they must show before they are believed."""
+
+    features: int = 2000
+    """Most points of a picture, the strongest ones."""
+    contrast: float = 0.01
+    """Least contrast of a point, SIFT's measure; its usual 0.04 leaves too few on plain tables."""
+    ratio: float = 0.85
+    """A match is the best in both directions, its distance below this share of the next best one's (Lowe)."""
+    std: float = 1.0
+    """Deviation of a match from its epipolar line, pixels."""
+    samples: int = 500
+    """Draws of five matches, each a guess of the motion between two cameras."""
+    guesses: int = 8
+    """Guesses that are refined, the best ones that differ."""
+    least_matches: int = 20
+    """Matches that must lie on their epipolar lines, within three deviations."""
+    least_share: float = 0.33
+    """The same as a share of the matches that the known motion allows; wrong ones fit some motion to a fifth or so."""
+    margin: float = 10.0
+    """By how much, in log likelihood, the best motion must beat others: points in one plane have two, and repeating
+    patterns more. Others nearby make it less certain, others further away leave it unknown."""
+    rotation_std: float = 0.01
+    """Deviation of a motion's turn that no number of matches takes away, radians: lenses, clocks, wrong matches."""
+    direction_std: float = 0.02
+    """The same of its direction, radians."""
