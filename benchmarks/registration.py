@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import importlib.util
+import itertools
 import json
 import os
 import platform
@@ -65,27 +66,38 @@ def parse(description: str | None, every: int = 1) -> argparse.Namespace:
 
 
 def rows_of(dataset: Path, scorer: ModuleType, every: int, workers: int) -> list[list[str]]:
-    """One row for each results file and group size."""
+    """One row for each results file and group size; where the data set has pictures, one more with them."""
     truth = scorer.Truth(dataset)
     rows: list[list[str]] = []
-    for candidates in sorted((dataset / "results").glob("*.csv*")):
+    sources = sorted((dataset / "results").glob("*.csv*"))
+    given = (False, True) if any(dataset.glob("test/*/rgb")) else (False,)
+    for candidates, pictures in itertools.product(sources, given):
         for groups_file in sorted(dataset.glob("groups_*.json"), key=lambda path: int(path.stem[7:])):
             groups = json.loads(groups_file.read_text())
             groups["groups"] = groups["groups"][::every]
-            figures = scorer.score(truth, groups, register(dataset, candidates, groups, workers), 4)
+            figures = scorer.score(truth, groups, register(dataset, candidates, groups, workers, pictures), 4)
             cells = [f"{figures[name]:.2f}" if name in figures else "" for name in COLUMNS]
             rows.append(
-                [dataset.name, candidates.name.split("_")[0], groups_file.stem[7:], str(figures["groups"]), *cells]
+                [
+                    dataset.name,
+                    candidates.name.split("_")[0] + (" + pictures" if pictures else ""),
+                    groups_file.stem[7:],
+                    str(figures["groups"]),
+                    *cells,
+                ]
             )
     return rows
 
 
-def register(dataset: Path, candidates: Path, groups: dict[str, Any], workers: int) -> dict[str, Any]:
+def register(
+    dataset: Path, candidates: Path, groups: dict[str, Any], workers: int, pictures: bool = False
+) -> dict[str, Any]:
     """The predictions for some groups, by way of the command's own function."""
     with tempfile.TemporaryDirectory() as folder:
         chosen, output = Path(folder) / "groups.json", Path(folder) / "predictions.json"
         chosen.write_text(json.dumps(groups))
-        register_groups(RegisterConfig(dataset, candidates, chosen, output, workers=workers), RichProgress())
+        config = RegisterConfig(dataset, candidates, chosen, output, pictures=pictures, workers=workers)
+        register_groups(config, RichProgress())
         return json.loads(output.read_text())
 
 

@@ -41,7 +41,7 @@ class BearingFactor:
     def linearize(self, world_from_camera: FloatArray) -> PairLinearization:
         """See PairFactor."""
         relative, moves = relative_poses(world_from_camera, self.first, self.second)
-        residual, slope = self._residual(relative)
+        residual, slope = bearing_residual(relative, self.measured)
         squared = squared_norm(residual, self.information)
         weight = _KERNEL.weight(squared)
         jacobian = slope @ moves
@@ -51,24 +51,30 @@ class BearingFactor:
     def agrees(self, world_from_camera: FloatArray) -> BoolArray:
         """(m,) which bearings fit the poses (c, 4, 4) of all cameras."""
         relative, _ = relative_poses(world_from_camera, self.first, self.second)
-        residual, _ = self._residual(relative)
+        residual, _ = bearing_residual(relative, self.measured)
         return _KERNEL.weight(squared_norm(residual, self.information)) >= AGREES
 
-    def _residual(self, relative: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(m, 5) r before it is whitened, and (m, 5, 6) its derivative by motions of `relative` on the right."""
-        rotation, shift = relative[:, :3, :3], relative[:, :3, 3]
-        turn = so3.log(np.swapaxes(self.measured[:, :3, :3], -1, -2) @ rotation)
-        length = np.linalg.norm(shift, axis=-1, keepdims=True)
-        direction, target = shift / length, self.measured[:, :3, 3]
-        basis = np.swapaxes(across(target), -1, -2)
-        rise = 1 + np.sum(direction * target, axis=-1, keepdims=True)
-        sideways = 2 * apply(basis, direction) / rise
-        of_direction = (2 * basis - sideways[:, :, None] * target[:, None, :]) / rise[:, :, None]
-        flat = np.eye(3) - direction[:, :, None] * direction[:, None, :]
-        jacobian = np.zeros((len(relative), 5, 6))
-        jacobian[:, :3, :3] = so3.left_jacobian_inverse(-turn)
-        jacobian[:, 3:, 3:] = of_direction @ flat @ rotation / length[:, :, None]
-        return np.concatenate((turn, sideways), axis=-1), jacobian
+
+def bearing_residual(relative: FloatArray, measured: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(m, 5) r of BearingFactor before it is whitened, and (m, 5, 6) its derivative by the right tangent of `relative`.
+
+    Args:
+        relative: (m, 4, 4) first_from_second.
+        measured: (m, 4, 4), its translation of length 1.
+    """
+    rotation, shift = relative[:, :3, :3], relative[:, :3, 3]
+    turn = so3.log(np.swapaxes(measured[:, :3, :3], -1, -2) @ rotation)
+    length = np.linalg.norm(shift, axis=-1, keepdims=True)
+    direction, target = shift / length, measured[:, :3, 3]
+    basis = np.swapaxes(across(target), -1, -2)
+    rise = 1 + np.sum(direction * target, axis=-1, keepdims=True)
+    sideways = 2 * apply(basis, direction) / rise
+    of_direction = (2 * basis - sideways[:, :, None] * target[:, None, :]) / rise[:, :, None]
+    flat = np.eye(3) - direction[:, :, None] * direction[:, None, :]
+    jacobian = np.zeros((len(relative), 5, 6))
+    jacobian[:, :3, :3] = so3.left_jacobian_inverse(-turn)
+    jacobian[:, 3:, 3:] = of_direction @ flat @ rotation / length[:, :, None]
+    return np.concatenate((turn, sideways), axis=-1), jacobian
 
 
 def across(direction: FloatArray) -> FloatArray:

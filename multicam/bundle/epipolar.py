@@ -56,25 +56,41 @@ class EpipolarFactor:
         pulled = np.swapaxes(moves, -1, -2)
         return PairLinearization(energy, apply(pulled, gradient), pulled @ hessian @ moves)
 
+    def residuals(self, first_from_second: FloatArray) -> FloatArray:
+        """(n, k) r of matches of two cameras only, at many poses (n, 4, 4) of these."""
+        essential = so3.hat(first_from_second[:, :3, 3]) @ first_from_second[:, :3, :3]
+        value, norm, *_ = self._lines(essential[:, None])
+        return value / np.sqrt(norm)
+
     def whitened(self, first_from_second: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(k,) r at poses (m, 4, 4), and (k, 6) its derivative by a motion of these on the right."""
-        x, y = (np.concatenate((ray, np.ones((len(ray), 1))), axis=1) for ray in (self.first_ray, self.second_ray))
         rotation = first_from_second[:, :3, :3]
-        cross = so3.hat(first_from_second[:, :3, 3])
-        essential = cross @ rotation
+        essential = so3.hat(first_from_second[:, :3, 3]) @ rotation
         # d E = E [w]x + [R v]x R, one 3x3 for each of the six numbers of xi = (w, v).
-        axes = so3.hat(np.eye(3))
-        turned = essential[:, None] @ axes
+        turned = essential[:, None] @ so3.hat(np.eye(3))
         moved = so3.hat(np.swapaxes(rotation, -1, -2)) @ rotation[:, None]
-        change = np.concatenate((turned, moved), axis=1)
-        line_x, line_y = apply(essential[self.pair], y), apply(np.swapaxes(essential, -1, -2)[self.pair], x)
-        change_x = np.einsum("knij,kj->kni", change[self.pair], y)
-        change_y = np.einsum("knij,ki->knj", change[self.pair], x)
-        variance_x, variance_y = self.std[:, :1] ** 2, self.std[:, 1:] ** 2
-        norm = np.sum(variance_x * line_x[:, :2] ** 2 + variance_y * line_y[:, :2] ** 2, axis=1)
-        half = np.einsum("kni,ki->kn", change_x[:, :, :2], variance_x * line_x[:, :2])
-        half += np.einsum("kni,ki->kn", change_y[:, :, :2], variance_y * line_y[:, :2])
-        value = np.sum(x * line_x, axis=1)
+        change = np.concatenate((turned, moved), axis=1)[self.pair]
+        value, norm, line_x, line_y = self._lines(essential[self.pair])
+        x, y = _homogeneous(self.first_ray), _homogeneous(self.second_ray)
+        change_x, change_y = np.einsum("knij,kj->kni", change, y), np.einsum("knij,ki->knj", change, x)
+        variance = self.std**2
+        half = np.einsum("kni,ki->kn", change_x[:, :, :2], variance[:, :1] * line_x)
+        half += np.einsum("kni,ki->kn", change_y[:, :, :2], variance[:, 1:] * line_y)
         root = np.sqrt(norm)
         slope = np.einsum("kni,ki->kn", change_x, x)
         return value / root, slope / root[:, None] - (value / (norm * root))[:, None] * half
+
+    def _lines(self, essential: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """x' E y (..., k), its variance, and the normals (..., k, 2) of the lines, for E (..., k or 1, 3, 3)."""
+        x, y = _homogeneous(self.first_ray), _homogeneous(self.second_ray)
+        line_x = np.einsum("...ij,...j->...i", essential, y)
+        line_y = np.einsum("...ij,...i->...j", essential, x)
+        value = np.sum(x * line_x, axis=-1)
+        line_x, line_y = line_x[..., :2], line_y[..., :2]
+        variance = self.std**2
+        norm = variance[:, 0] * np.sum(line_x**2, axis=-1) + variance[:, 1] * np.sum(line_y**2, axis=-1)
+        return value, norm, line_x, line_y
+
+
+def _homogeneous(rays: FloatArray) -> FloatArray:
+    return np.concatenate((rays, np.ones((len(rays), 1))), axis=1)

@@ -15,14 +15,17 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
+from multicam.bundle.scenery.config import SceneryConfig
+from multicam.bundle.scenery.features import Features, find_features
 from multicam.commands.candidates import read_candidates
 from multicam.commands.view_groups import ViewGroup, prediction, read_groups, write_predictions
 from multicam.config import load_config, parse_command, save_config
-from multicam.dataset.bop_reader import read_camera_matrices
+from multicam.dataset.bop_reader import find_image, read_camera_matrices, read_image
 from multicam.dataset.objects import Catalogue, load_catalogue
 from multicam.dataset.results import Estimates
 from multicam.errors import ConfigError, DataError
 from multicam.files import require_file, require_folder
+from multicam.geometry.camera import Camera
 from multicam.matching.learned import NoiseModel
 from multicam.progress import Progress, RichProgress
 from multicam.registration import LearningConfig, RegistrationConfig, learn_noise, register_views
@@ -50,6 +53,9 @@ class RegisterConfig:
     """JSON file to write; the resolved configuration goes beside it."""
     split: str = "test"
     """Split of the data set that the groups are of."""
+    pictures: bool = False
+    """Also look at the pictures of the split, a few seconds a group: what two of them show beside the objects confirms,
+    sharpens or contradicts the poses that objects tell (docs/registration.md). Nothing of it may have moved between."""
     workers: int = 0
     """Processes to use; 0 for one on each core. The answer is the same for any number."""
     noise: Path | None = None
@@ -91,7 +97,8 @@ def register_groups(config: RegisterConfig, progress: Progress) -> str:
     summary = Summary()
     with _mapper(config.workers or os.cpu_count() or 1) as mapper:
         noise = _noise(config, catalogue, tasks, mapper, progress)
-        answers = mapper(partial(_register, catalogue, config.registration, noise), tasks)
+        split = config.dataset / config.split if config.pictures else None
+        answers = mapper(partial(_register, catalogue, config.registration, noise, split), tasks)
         tracked = progress.track(answers, "registering view groups", total=len(groups))
         write_predictions(config.output, summary.counting(tracked))
     save_config(config, config.output.with_suffix(".config.yaml"))
@@ -144,11 +151,33 @@ def _mapper(workers: int) -> Generator[Mapper]:
         yield partial(pool.map, chunksize=CHUNK)
 
 
-def _register(catalogue: Catalogue, config: RegistrationConfig, noise: NoiseModel, task: Task) -> Answer:
+def _register(
+    catalogue: Catalogue, config: RegistrationConfig, noise: NoiseModel, split: Path | None, task: Task
+) -> Answer:
+    """The answer for one group, by the pictures of a split, too, if one is given."""
     group, views = task
     began = time.perf_counter()
-    registration = register_views(views, catalogue, config, noise)
+    features = None if split is None else _features(split / f"{group.scene_id:06d}", views, config.scenery)
+    registration = register_views(views, catalogue, config, noise, features)
     return prediction(group, registration, time.perf_counter() - began)
+
+
+def _features(scene: Path, views: Sequence[View], config: SceneryConfig) -> dict[str, Features]:
+    """Points of each view's picture, by its name.
+
+    Raises:
+        DataError: a picture or its camera matrix is not there.
+    """
+    features: dict[str, Features] = {}
+    for view in views:
+        path = find_image(scene, ("rgb", "gray"), f"{int(view.view_id):06d}")
+        if path is None or view.camera_matrix is None:
+            lacking = "picture in rgb/ or gray/" if path is None else "camera matrix in scene_camera.json"
+            raise DataError(f"{scene} holds no {lacking} for image {view.view_id}; without --pictures none is needed.")
+        image = read_image(path)
+        camera = Camera(view.camera_matrix, image.shape[1], image.shape[0])
+        features[view.view_id] = find_features(image, camera, config)
+    return features
 
 
 class Summary:

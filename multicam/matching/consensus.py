@@ -66,7 +66,10 @@ class Consensus:
 
 
 def find_consensus(measurements: Measurements, hypotheses: Hypotheses, config: ConsensusConfig) -> Consensus:
-    """Scores all hypotheses, refits the best of each link on what agrees with them, and takes the best of these."""
+    """Scores all hypotheses, refits the best of each link on what agrees with them, and takes the best of these.
+
+    Links without a hypothesis are left out.
+    """
     first = _Round.of(measurements, hypotheses.link, hypotheses.pose, hypotheses.covariance, config.likelihood)
     order = np.lexsort((-first.score, hypotheses.link))
     kept = hypotheses[order[rank_in_group(hypotheses.link[order]) < config.refined]]
@@ -84,7 +87,8 @@ def find_consensus(measurements: Measurements, hypotheses: Hypotheses, config: C
     other = _differs(link, pose, covariance, best)
     rival = np.full(len(best), -np.inf)
     np.maximum.at(rival, np.searchsorted(link[best], link[other]), evidence[other])
-    return Consensus(measurements.frames, pose[best], covariance[best], evidence[best], rival, last.support[best])
+    frames = measurements.frames[link[best]]
+    return Consensus(frames, pose[best], covariance[best], evidence[best], rival, last.support[best])
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from multicam.bundle.scenery.features import Features
+from multicam.bundle.scenery.scenery import Bearing, Scenery
 from multicam.dataset.objects import Catalogue
 from multicam.matching.keypoints import Keypoints, keypoints_of
 from multicam.matching.learned import NoiseModel
@@ -24,6 +26,8 @@ class Group:
         views: in ascending order of their names, so that the answer does not depend on the order given.
         estimates: of all views; their frame is the position of the view.
         kinship: see NoiseModel.
+        scenery: what the pictures of the views, in their order here, share beside the objects; None without pictures.
+        bearings: those between views that it has shown.
     """
 
     views: tuple[View, ...]
@@ -32,12 +36,19 @@ class Group:
     catalogue: Catalogue
     config: RegistrationConfig
     kinship: float
+    scenery: Scenery | None = None
+    bearings: tuple[Bearing, ...] = ()
 
     @classmethod
     def of(
-        cls, views: Sequence[View], catalogue: Catalogue, config: RegistrationConfig, noise: NoiseModel | None
+        cls,
+        views: Sequence[View],
+        catalogue: Catalogue,
+        config: RegistrationConfig,
+        noise: NoiseModel | None,
+        features: Mapping[str, Features] | None = None,
     ) -> Group:
-        """Prepares views.
+        """Prepares views, and the points of their pictures if these are given.
 
         Raises:
             DataError: an estimate of an unknown class.
@@ -48,7 +59,10 @@ class Group:
             raise ValueError(f"each view needs a name of its own; got {[view.view_id for view in ordered]}")
         estimates = observe(ordered, catalogue, config.noise, noise)
         kinship = 1.0 if noise is None else noise.kinship
-        return cls(ordered, estimates, SymmetryTable.of(catalogue), catalogue, config, kinship)
+        scenery = None
+        if features is not None:
+            scenery = Scenery([features[view.view_id] for view in ordered], config.scenery)
+        return cls(ordered, estimates, SymmetryTable.of(catalogue), catalogue, config, kinship, scenery)
 
     def of_views(self, views: set[int]) -> PosedObjects:
         """The estimates of some views."""

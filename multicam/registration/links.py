@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import Enum, auto
 
 import numpy as np
 
+from multicam.bundle.scenery.motion import SeenMotion
 from multicam.geometry import se3
 from multicam.matching.arrays import BoolArray
 from multicam.matching.consensus import find_consensus
@@ -33,6 +35,7 @@ class Doubt(Enum):
     CHANCE = auto()
     RIVAL = auto()
     LOOSE = auto()
+    SCENERY = auto()
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +74,36 @@ def links_between_views(group: Group) -> list[Link]:
     return _find(group, estimates, estimates, chosen & (estimates.frame[:, None] < estimates.frame[None, :]))
 
 
+def witnessed(group: Group, links: list[Link]) -> tuple[Group, list[Link]]:
+    """The group with the bearings that its pictures show, and the links as these leave them.
+
+    Where pictures show the turn and direction between two views, only objects that agree with both may tell the pose:
+    then it is not by chance that they do. Where none does, they have moved.
+    """
+    if group.scenery is None:
+        return group, links
+    motions = {
+        (link.reference, link.query): motion
+        for link in links
+        if (motion := group.scenery.motion(link.reference, link.query)) is not None
+    }
+    estimates = group.estimates
+    allowed = np.zeros((len(group.views), len(group.views)), dtype=np.bool_)
+    for pair in motions:
+        allowed[pair] = True
+    agreeing = _find(group, estimates, estimates, allowed[estimates.frame[:, None], estimates.frame], motions)
+    again = {
+        (link.reference, link.query): replace(link, doubt=None) if link.doubt is Doubt.CHANCE else link
+        for link in agreeing
+    }
+    left: list[Link] = []
+    for link in links:
+        pair = link.reference, link.query
+        moved = pair in motions and pair not in again
+        left.append(replace(link, doubt=Doubt.SCENERY) if moved else again.get(pair, link))
+    return replace(group, bearings=tuple((*pair, motion) for pair, motion in motions.items())), left
+
+
 def _likely_pairs(estimates: PosedObjects, views: int) -> BoolArray:
     """(v, v) symmetric: whether one of two views is among the PARTNERS with which the other has most classes in common.
 
@@ -95,11 +128,23 @@ def links_to_map(group: Group, fused: PosedObjects, views: set[int]) -> list[Lin
     return _find(group, in_map, estimates, np.ones((len(fused), len(estimates)), dtype=np.bool_))
 
 
-def _find(group: Group, reference: PosedObjects, query: PosedObjects, allowed: BoolArray) -> list[Link]:
+def _find(
+    group: Group,
+    reference: PosedObjects,
+    query: PosedObjects,
+    allowed: BoolArray,
+    motions: Mapping[tuple[int, int], SeenMotion] | None = None,
+) -> list[Link]:
+    """The best pose of each pair of frames; of those that agree with the motions, where these are given."""
     measurements = measure(reference, query, allowed, group.symmetries)
-    found = find_consensus(
-        measurements, propose(measurements, reference, query, group.symmetries), group.config.consensus
-    )
+    hypotheses = propose(measurements, reference, query, group.symmetries)
+    if motions is not None:
+        agrees = np.zeros(len(hypotheses), dtype=np.bool_)
+        for link, pair in enumerate(measurements.frames.tolist()):
+            own = hypotheses.link == link
+            agrees[own] = motions[tuple(pair)].agrees(hypotheses.pose[own], hypotheses.covariance[own])
+        hypotheses = hypotheses[agrees]
+    found = find_consensus(measurements, hypotheses, group.config.consensus)
     log_odds, rotation_std = found.log_odds, total_std(found.covariance[:, :3, :3])
     return [
         Link(

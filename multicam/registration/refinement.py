@@ -6,10 +6,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from multicam.bundle.bearing import BearingFactor
 from multicam.bundle.factor import EdgeFactor
 from multicam.bundle.levenberg import LevenbergConfig, minimize
 from multicam.bundle.problem import Problem, State
+from multicam.bundle.scenery.scenery import bearing_factor
 from multicam.geometry import se3
+from multicam.matching.arrays import BoolArray
 from multicam.matching.assignment import Tracks, associate
 from multicam.registration.edges import Edges, keypoint_factors, pose_factor, reachable, shared_edges
 from multicam.registration.group import Group
@@ -32,6 +35,7 @@ class Refinement:
         centre: (o, 3) of the shared objects, object frame.
         kinship: see NoiseModel.
         factors: what was minimised.
+        bearings: the same, between cameras.
         world_from_object: (o, 4, 4) of the shared objects.
         object_covariance: (o, 6, 6).
     """
@@ -42,6 +46,7 @@ class Refinement:
     centre: FloatArray
     kinship: float
     factors: tuple[EdgeFactor, ...]
+    bearings: tuple[BearingFactor, ...]
     world_from_object: FloatArray
     object_covariance: FloatArray
 
@@ -59,8 +64,9 @@ def refine(group: Group, placement: Placement) -> Refinement:
         factors, shared = (pose_factor(group, tracks, edges),), tracks.fused[edges.shared]
         centre = np.array([group.catalogue[o].box_centre() for o in shared.obj_id.tolist()]).reshape(-1, 3)
         start = Refinement(
-            placement, tracks, edges, centre, group.kinship, factors, shared.frame_from_object, shared.covariance
-        )
+            placement, tracks, edges, centre, group.kinship, factors, _bearings(group, placement),
+            shared.frame_from_object, shared.covariance,
+        )  # fmt: skip
         refinement = _minimize(start, group.config.solver)
         placement = refinement.placement
     assert refinement is not None
@@ -101,17 +107,29 @@ def _identify(group: Group, placement: Placement) -> tuple[Placement, Tracks, Ed
         placement = placement.only(connected)
 
 
+def _bearings(group: Group, placement: Placement) -> tuple[BearingFactor, ...]:
+    """Those between placed cameras."""
+    place = {view: camera for camera, view in enumerate(placement.views.tolist())}
+    return bearing_factor(
+        [(place[a], place[b], motion) for a, b, motion in group.bearings if a in place and b in place]
+    )
+
+
+def _problem(refinement: Refinement, fixed: BoolArray) -> Problem:
+    return Problem(refinement.factors, fixed, refinement.bearings)
+
+
 def _minimize(refinement: Refinement, config: LevenbergConfig) -> Refinement:
     """Moves the poses of a refinement to the minimum of its factors; the first camera is the world."""
     cameras = len(refinement.placement.views)
     start = State(refinement.placement.world_from_camera, refinement.world_from_object)
-    minimum = minimize(Problem(refinement.factors, np.arange(cameras) == 0), start, config)
+    minimum = minimize(_problem(refinement, np.arange(cameras) == 0), start, config)
     return _conclude(refinement, minimum.state, world=0)
 
 
 def _conclude(refinement: Refinement, state: State, world: int) -> Refinement:
     """The refinement at another state, with covariances relative to the camera `world`."""
-    problem = Problem(refinement.factors, np.arange(len(state.world_from_camera)) == world)
+    problem = _problem(refinement, np.arange(len(state.world_from_camera)) == world)
     cameras, objects = problem.covariances(state, problem.noise_scale(state), _inflation(refinement, state))
     placement = replace(refinement.placement, world_from_camera=state.world_from_camera, covariance=cameras)
     return replace(

@@ -9,6 +9,10 @@ import numpy as np
 from multicam.registration.group import Group
 from multicam.registration.links import Doubt, Link
 
+CONTRADICTED = (
+    "where its objects put it contradicts what pictures show beside them; did they move? Add some that stand still"
+)
+
 
 def explain(group: Group, view: int, links: Iterable[Link]) -> str:
     """One sentence for a view that no believed link reaches.
@@ -28,6 +32,8 @@ def explain(group: Group, view: int, links: Iterable[Link]) -> str:
     shared = f"the objects it shares with others ({_names(group, common)})"
     if Doubt.LOOSE in doubts:
         return f"{shared} are symmetric about one axis and leave a turn about it open; add one without that symmetry"
+    if Doubt.SCENERY in doubts:
+        return f"{shared} contradict what the pictures show beside them; did they move? Add some that stand still"
     if Doubt.RIVAL in doubts:
         return f"{shared} fit two different poses about equally well; another shared object would decide"
     if None in doubts:

@@ -2,25 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from multicam.bundle.scenery.features import Features
 from multicam.dataset.objects import Catalogue
+from multicam.matching.arrays import IntArray
 from multicam.matching.learned import NoiseModel
 from multicam.matching.linear import probability_within, total_std
 from multicam.registration.answer import component_of
 from multicam.registration.config import RegistrationConfig
 from multicam.registration.group import Group
-from multicam.registration.links import Link, links_between_views, links_to_map
+from multicam.registration.links import Link, links_between_views, links_to_map, witnessed
 from multicam.registration.placement import seed, spread
 from multicam.registration.refinement import Refinement, refine, seen_from, sharpen
-from multicam.registration.refusal import explain, explain_imprecise
+from multicam.registration.refusal import CONTRADICTED, explain, explain_imprecise
 from multicam.types import Component, Registration, View
 
 
 def register_views(
-    views: Sequence[View], catalogue: Catalogue, config: RegistrationConfig, noise: NoiseModel | None = None
+    views: Sequence[View],
+    catalogue: Catalogue,
+    config: RegistrationConfig,
+    noise: NoiseModel | None = None,
+    features: Mapping[str, Features] | None = None,
 ) -> Registration:
     """Places the cameras of views, taken at one time, by the objects they see.
 
@@ -31,12 +37,14 @@ def register_views(
     Args:
         views: what each camera saw; keypoints of detections must be free of lens distortion.
         noise: what `learn_noise` found out about such estimates; without it they are taken at their word.
+        features: points of each view's picture, by its name. What pictures share beside the objects confirms poses that
+            the objects leave in doubt, and sharpens all.
 
     Raises:
         DataError: an estimate of a class that the catalogue does not hold.
         ValueError: two views of one name.
     """
-    group = Group.of(views, catalogue, config, noise)
+    group = Group.of(views, catalogue, config, noise, features)
     found, refusals = solve(group)
     components = tuple(_finish(group, refinement, views) for refinement in found)
     return Registration(components, {group.views[v].view_id: reason for v, reason in sorted(refusals.items())})
@@ -44,7 +52,7 @@ def register_views(
 
 def solve(group: Group) -> tuple[list[Refinement], dict[int, str]]:
     """The refined components of a group, and the reason for each view that is in none."""
-    between = links_between_views(group)
+    group, between = witnessed(group, links_between_views(group))
     tried, refusals = list(between), dict[int, str]()
     unplaced = set(range(len(group.views)))
     components: list[Refinement] = []
@@ -52,6 +60,7 @@ def solve(group: Group) -> tuple[list[Refinement], dict[int, str]]:
         if not {link.reference, link.query} <= unplaced:
             continue
         found = _grow(group, link, between, unplaced, tried)
+        found = _without_contradicted(group, found, refusals)
         found = _without_imprecise(group, found, refusals)
         placed = set(found.placement.views.tolist())
         if len(placed) == 1:
@@ -76,6 +85,30 @@ def _grow(group: Group, link: Link, between: list[Link], unplaced: set[int], tri
         attempted |= set(placement.views.tolist())
         refinement = refine(group, placement)
     return refinement
+
+
+def _without_contradicted(group: Group, found: Refinement, refusals: dict[int, str]) -> Refinement:
+    """Drops cameras one by one with which fewer bearings agree than disagree; the reasons go to `refusals`."""
+    while found.bearings:
+        against = _against(found)
+        # Of two alike the later one, for the first is the world.
+        worst = len(against) - 1 - int(np.argmax(against[::-1]))
+        if against[worst] <= 0:
+            break
+        view = int(found.placement.views[worst])
+        refusals[view] = CONTRADICTED
+        found = refine(group, found.placement.only(found.placement.views != view))
+    return found
+
+
+def _against(found: Refinement) -> IntArray:
+    """(c,) how many more bearings of each camera disagree with its pose than agree."""
+    against = np.zeros(len(found.placement.views), dtype=np.int64)
+    for bearings in found.bearings:
+        vote = 1 - 2 * bearings.agrees(found.placement.world_from_camera)
+        np.add.at(against, bearings.first, vote)
+        np.add.at(against, bearings.second, vote)
+    return against
 
 
 def _without_imprecise(group: Group, found: Refinement, refusals: dict[int, str]) -> Refinement:

@@ -189,7 +189,7 @@ def test_a_background_that_moved_along_with_a_camera_moves_no_camera_far(rng: np
     """To the second camera the room stands as to the first: as if both stood at one place, which objects contradict."""
     scene, start = rig(rng, depth=False), shaken(rng)
     answer = adjust(before_a_room(scene, cameras()[[0, 0, 2]]), start, SCENERY)
-    assert camera_errors(answer.state)[1:].max() < camera_errors(start)[1:].max()
+    assert camera_errors(answer.state)[1:].max() < 1.2 * camera_errors(start)[1:].max()
 
 
 def test_a_plain_background_changes_nothing(rng: np.random.Generator) -> None:

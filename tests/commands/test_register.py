@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -15,11 +16,13 @@ from multicam.cli import run
 from multicam.commands.register import RegisterConfig, register_groups
 from multicam.config import load_config
 from multicam.dataset.results import read_results, write_results
+from multicam.errors import DataError
 from multicam.geometry import se3
 from multicam.matching.learned import NoiseModel
 from multicam.progress import SilentProgress
-from tests.toy_objects import toy_catalogue
-from tests.toy_world import ToyWorld, make_world
+from tests.bundle.scenery.room import CAMERA, draw, standing
+from tests.toy_objects import BRACKET, toy_catalogue
+from tests.toy_world import ToyCamera, ToyWorld, make_world, place_objects
 
 SCENE = 3
 IM_IDS = (10, 11, 12, 13)
@@ -331,3 +334,31 @@ def replace_in(path: Path, line_start: str, old: str, new: str) -> None:
     index = next(i for i, line in enumerate(lines) if line.startswith(line_start) and old in line)
     lines[index] = lines[index].replace(old, new, 1)
     path.write_text("\n".join(lines) + "\n")
+
+
+def test_with_pictures_one_object_places_a_camera(tmp_path: Path, rng: np.random.Generator) -> None:
+    cameras = tuple(
+        ToyCamera(str(i), standing(angle), (0,), CAMERA) for i, angle in zip((4, 7), (-0.2, 0.1), strict=True)
+    )
+    world = ToyWorld(toy_catalogue(), cameras, place_objects(rng, (BRACKET,)))
+    folder, scene = tmp_path / "dataset", tmp_path / "dataset" / "test" / f"{SCENE:06d}"
+    write(folder / "models" / "models_info.json", models_info())
+    write(scene / "scene_camera.json", {c.camera_id: {"cam_K": CAMERA.matrix.reshape(-1).tolist()} for c in cameras})
+    views = world.views(rng, rotation_noise=0.02, translation_noise=0.005)
+    write_results(tmp_path / "results.csv", [(SCENE, int(v.view_id), e, -1.0) for v in views for e in v.estimates])
+    write_groups(tmp_path, [[4, 7]])
+    (scene / "rgb").mkdir()
+    config = RegisterConfig(
+        folder, tmp_path / "results.csv", tmp_path / "groups.json", tmp_path / "out.json", workers=1
+    )
+    with pytest.raises(DataError, match="no picture in rgb/ or gray/ for image 4; without --pictures none is needed"):
+        register_groups(replace(config, pictures=True), SilentProgress())
+    for camera in cameras:
+        picture = draw(camera.world_from_camera)[..., ::-1]
+        assert cv2.imwrite(str(scene / "rgb" / f"{int(camera.camera_id):06d}.png"), picture)
+    placed = []
+    for pictures in (False, True):
+        register_groups(replace(config, pictures=pictures), SilentProgress())
+        (answer,) = json.loads((tmp_path / "out.json").read_text())["groups"]
+        placed.append(sum(len(component["cameras"]) for component in answer["components"]))
+    assert placed == [0, 2]

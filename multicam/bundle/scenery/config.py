@@ -17,14 +17,14 @@ class SceneryConfig:
     """A match is the best in both directions, its distance below this share of the next best one's (Lowe)."""
     std: float = 1.0
     """Deviation of a match from its epipolar line, pixels."""
-    samples: int = 500
+    samples: int = 1000
     """Draws of five matches, each a guess of the motion between two cameras."""
     guesses: int = 8
     """Guesses that are refined, the best ones that differ."""
-    least_matches: int = 20
-    """Matches that must lie on their epipolar lines, within three deviations."""
-    least_share: float = 0.33
-    """The same as a share of the matches that the known motion allows; wrong ones fit some motion to a fifth or so."""
+    least_matches: int = 50
+    """Matches that must lie on their epipolar lines, within three deviations; as many as ORB-SLAM asks of its start."""
+    least_share: float = 0.25
+    """The same as a share of all matches; of wrong ones a tenth or so fits some motion."""
     margin: float = 10.0
     """By how much, in log likelihood, the best motion must beat others: points in one plane have two, and repeating
     patterns more. Others nearby make it less certain, others further away leave it unknown."""

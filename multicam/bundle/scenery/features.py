@@ -31,7 +31,7 @@ class Features:
 
 @dataclass(frozen=True, eq=False)
 class Matches:
-    """Rays of the same points in two pictures, (k, 2) each, and their deviations (k, 2) in first and second."""
+    """Rays of the same points in two pictures, (k, 2) each, the most distinct first, and their deviations (k, 2)."""
 
     first: FloatArray
     second: FloatArray
@@ -69,7 +69,9 @@ def match_features(first: Features, second: Features, config: SceneryConfig) -> 
         best, back = distance.argmin(axis=1), distance.argmin(axis=0)
         rows = np.arange(len(best))
         two = np.partition(distance, 1, axis=1)[:, :2]
-        taken = (back[best] == rows) & (two[:, 0] < config.ratio * two[:, 1])
+        ratio = two[:, 0] / np.maximum(two[:, 1], np.float32(1e-9))
+        taken = np.flatnonzero((back[best] == rows) & (ratio < config.ratio))
+        taken = taken[np.argsort(ratio[taken], kind="stable")]
         pairs = np.stack((rows, best), axis=1)[taken]
     std = config.std * np.array([first.pixel, second.pixel])
     return Matches(first.rays[pairs[:, 0]], second.rays[pairs[:, 1]], np.tile(std, (len(pairs), 1)))
