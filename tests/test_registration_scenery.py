@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from multicam.bundle.scenery.config import SceneryConfig
-from multicam.bundle.scenery.features import Features, find_features
+from multicam.bundle.scenery.features import find_features
+from multicam.bundle.scenery.scenery import Scenery
 from multicam.geometry import se3
 from multicam.registration import RegistrationConfig, register_views
 from multicam.registration.refusal import CONTRADICTED
@@ -24,9 +25,11 @@ NOISE = {"rotation_noise": 0.03, "translation_noise": 0.008, "symmetric_twins": 
 
 
 @pytest.fixture(scope="module")
-def features() -> dict[str, Features]:
+def scenery() -> Scenery:
     """Of the pictures that three cameras take of a room."""
-    return {f"camera{k}": find_features(draw(pose), CAMERA, SceneryConfig()) for k, pose in enumerate(STANDING)}
+    config = SceneryConfig()
+    features = {f"camera{k}": find_features(draw(pose), CAMERA, config) for k, pose in enumerate(STANDING)}
+    return Scenery(features, config)
 
 
 def world(rng: np.random.Generator, classes: Sequence[int], cameras: int) -> ToyWorld:
@@ -36,8 +39,8 @@ def world(rng: np.random.Generator, classes: Sequence[int], cameras: int) -> Toy
     return ToyWorld(CATALOGUE, placed, objects)
 
 
-def register(views: Sequence[View], features: dict[str, Features] | None = None) -> Registration:
-    return register_views(views, CATALOGUE, RegistrationConfig(), features=features)
+def register(views: Sequence[View], scenery: Scenery | None = None) -> Registration:
+    return register_views(views, CATALOGUE, RegistrationConfig(), scenery=scenery)
 
 
 def moved(view: View, shift: np.ndarray) -> View:
@@ -46,46 +49,42 @@ def moved(view: View, shift: np.ndarray) -> View:
     return replace(view, estimates=tuple(estimates))
 
 
-def test_one_object_is_enough_where_pictures_agree_with_it(
-    rng: np.random.Generator, features: dict[str, Features]
-) -> None:
+def test_one_object_is_enough_where_pictures_agree_with_it(rng: np.random.Generator, scenery: Scenery) -> None:
     scene = world(rng, (BRACKET,), 2)
     views = scene.views(rng, **NOISE)
     assert not register(views).components
-    (component,) = register(views, features).components
+    (component,) = register(views, scenery).components
     assert camera_error(scene.world_from_camera, component)[1] < 0.1
 
 
-def test_pictures_sharpen_what_objects_tell(rng: np.random.Generator, features: dict[str, Features]) -> None:
+def test_pictures_sharpen_what_objects_tell(rng: np.random.Generator, scenery: Scenery) -> None:
     before, after = [], []
     for _ in range(5):
         scene = world(rng, (BRACKET, PLATE, WEDGE), 3)
         views = scene.views(rng, **NOISE)
-        for given, errors in ((None, before), (features, after)):
+        for given, errors in ((None, before), (scenery, after)):
             (component,) = register(views, given).components
             assert len(component.cameras) == 3
             errors.append(camera_error(scene.world_from_camera, component)[1])
     assert np.mean(after) < 0.6 * np.mean(before)
 
 
-def test_objects_that_all_moved_alike_are_found_out(rng: np.random.Generator, features: dict[str, Features]) -> None:
+def test_objects_that_all_moved_alike_are_found_out(rng: np.random.Generator, scenery: Scenery) -> None:
     scene = world(rng, (BRACKET, PLATE, WEDGE, PYRAMID), 2)
     one, other = scene.views(rng, **NOISE)
     views = [one, moved(other, se3.exp(np.array([0, 0.35, 0, 0.1, 0, 0.05])))]
     (wrong,) = register(views).components
     assert camera_error(scene.world_from_camera, wrong)[1] > 0.1
-    answer = register(views, features)
+    answer = register(views, scenery)
     assert not answer.components and all("beside them" in reason for reason in answer.refusals.values())
 
 
-def test_a_camera_whose_bearings_its_objects_overrule_is_refused(
-    rng: np.random.Generator, features: dict[str, Features]
-) -> None:
+def test_a_camera_whose_bearings_its_objects_overrule_is_refused(rng: np.random.Generator, scenery: Scenery) -> None:
     """The bearing to the third camera allows one wrong object; others, which the second sees, then pull it away."""
     scene = world(rng, (BRACKET, PLATE, WEDGE, PYRAMID), 3)
     first, second, third = scene.views(rng, **NOISE)
     away = moved(third, se3.exp(np.array([0, 0.35, 0, 0.1, 0, 0.05])))
-    answer = register([first, second, away], features)
+    answer = register([first, second, away], scenery)
     for component in answer.components:
         assert "camera2" not in {camera.view_id for camera in component.cameras}
     assert "camera2" in answer.refusals and "beside them" in answer.refusals["camera2"]
@@ -95,16 +94,15 @@ def test_a_camera_whose_bearings_its_objects_overrule_is_refused(
 def test_pictures_without_texture_change_nothing(rng: np.random.Generator) -> None:
     blank = find_features(np.full((CAMERA.height, CAMERA.width, 3), 90, np.uint8), CAMERA, SceneryConfig())
     views = world(rng, (BRACKET, PLATE, WEDGE), 3).views(rng, **NOISE)
-    (without,), (given,) = (
-        register(views, each).components for each in (None, {view.view_id: blank for view in views})
-    )
+    nothing = Scenery({view.view_id: blank for view in views}, SceneryConfig())
+    (without,), (given,) = (register(views, each).components for each in (None, nothing))
     for a, b in zip(without.cameras, given.cameras, strict=True):
         assert np.array_equal(a.world_from_camera, b.world_from_camera)
 
 
-def test_the_order_of_views_changes_nothing(rng: np.random.Generator, features: dict[str, Features]) -> None:
+def test_the_order_of_views_changes_nothing(rng: np.random.Generator, scenery: Scenery) -> None:
     views = world(rng, (BRACKET, PLATE), 3).views(rng, **NOISE)
-    (one,), (other,) = (register(order, features).components for order in (views, views[::-1]))
+    (one,), (other,) = (register(order, scenery).components for order in (views, views[::-1]))
     poses = {camera.view_id: camera.world_from_camera for camera in one.cameras}
     change = poses[other.cameras[0].view_id]
     for camera in other.cameras:

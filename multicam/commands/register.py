@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Generator, Iterable, Iterator, Sequence
+from collections.abc import Generator, Hashable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -17,6 +17,7 @@ from rich.console import Console
 
 from multicam.bundle.scenery.config import SceneryConfig
 from multicam.bundle.scenery.features import Features, find_features
+from multicam.bundle.scenery.scenery import Scenery
 from multicam.commands.candidates import read_candidates
 from multicam.commands.view_groups import ViewGroup, prediction, read_groups, write_predictions
 from multicam.config import load_config, parse_command, save_config
@@ -56,6 +57,8 @@ class RegisterConfig:
     pictures: bool = False
     """Also look at the pictures of the split, a few seconds a group: what two of them show beside the objects confirms,
     sharpens or contradicts the poses that objects tell (docs/registration.md). Nothing of it may have moved between."""
+    scenery: SceneryConfig = field(default_factory=SceneryConfig)
+    """How pictures are compared."""
     workers: int = 0
     """Processes to use; 0 for one on each core. The answer is the same for any number."""
     noise: Path | None = None
@@ -97,8 +100,7 @@ def register_groups(config: RegisterConfig, progress: Progress) -> str:
     summary = Summary()
     with _mapper(config.workers or os.cpu_count() or 1) as mapper:
         noise = _noise(config, catalogue, tasks, mapper, progress)
-        split = config.dataset / config.split if config.pictures else None
-        answers = mapper(partial(_register, catalogue, config.registration, noise, split), tasks)
+        answers = mapper(partial(_register, config, catalogue, noise), tasks)
         tracked = progress.track(answers, "registering view groups", total=len(groups))
         write_predictions(config.output, summary.counting(tracked))
     save_config(config, config.output.with_suffix(".config.yaml"))
@@ -151,24 +153,24 @@ def _mapper(workers: int) -> Generator[Mapper]:
         yield partial(pool.map, chunksize=CHUNK)
 
 
-def _register(
-    catalogue: Catalogue, config: RegistrationConfig, noise: NoiseModel, split: Path | None, task: Task
-) -> Answer:
-    """The answer for one group, by the pictures of a split, too, if one is given."""
+def _register(config: RegisterConfig, catalogue: Catalogue, noise: NoiseModel, task: Task) -> Answer:
     group, views = task
     began = time.perf_counter()
-    features = None if split is None else _features(split / f"{group.scene_id:06d}", views, config.scenery)
-    registration = register_views(views, catalogue, config, noise, features)
+    scenery = None
+    if config.pictures:
+        scene = config.dataset / config.split / f"{group.scene_id:06d}"
+        scenery = Scenery(_features(scene, views, config.scenery), config.scenery)
+    registration = register_views(views, catalogue, config.registration, noise, scenery)
     return prediction(group, registration, time.perf_counter() - began)
 
 
-def _features(scene: Path, views: Sequence[View], config: SceneryConfig) -> dict[str, Features]:
+def _features(scene: Path, views: Sequence[View], config: SceneryConfig) -> dict[Hashable, Features]:
     """Points of each view's picture, by its name.
 
     Raises:
         DataError: a picture or its camera matrix is not there.
     """
-    features: dict[str, Features] = {}
+    features: dict[Hashable, Features] = {}
     for view in views:
         path = find_image(scene, ("rgb", "gray"), f"{int(view.view_id):06d}")
         if path is None or view.camera_matrix is None:

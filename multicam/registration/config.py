@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from multicam.bundle.levenberg import LevenbergConfig
-from multicam.bundle.scenery.config import SceneryConfig
 from multicam.matching.consensus import ConsensusConfig
 from multicam.matching.noise import NoiseConfig
 
@@ -51,5 +50,3 @@ class RegistrationConfig:
     """When a camera is placed."""
     solver: LevenbergConfig = field(default_factory=LevenbergConfig)
     """The joint refinement."""
-    scenery: SceneryConfig = field(default_factory=SceneryConfig)
-    """What pictures share beside the objects, where pictures are given."""

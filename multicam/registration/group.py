@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from multicam.bundle.scenery.features import Features
 from multicam.bundle.scenery.scenery import Bearing, Scenery
 from multicam.dataset.objects import Catalogue
 from multicam.matching.keypoints import Keypoints, keypoints_of
@@ -26,7 +25,7 @@ class Group:
         views: in ascending order of their names, so that the answer does not depend on the order given.
         estimates: of all views; their frame is the position of the view.
         kinship: see NoiseModel.
-        scenery: what the pictures of the views, in their order here, share beside the objects; None without pictures.
+        scenery: what the pictures of the views, by their names, share beside the objects; None without pictures.
         bearings: those between views that it has shown.
     """
 
@@ -46,9 +45,9 @@ class Group:
         catalogue: Catalogue,
         config: RegistrationConfig,
         noise: NoiseModel | None,
-        features: Mapping[str, Features] | None = None,
+        scenery: Scenery | None = None,
     ) -> Group:
-        """Prepares views, and the points of their pictures if these are given.
+        """Prepares views.
 
         Raises:
             DataError: an estimate of an unknown class.
@@ -59,9 +58,6 @@ class Group:
             raise ValueError(f"each view needs a name of its own; got {[view.view_id for view in ordered]}")
         estimates = observe(ordered, catalogue, config.noise, noise)
         kinship = 1.0 if noise is None else noise.kinship
-        scenery = None
-        if features is not None:
-            scenery = Scenery([features[view.view_id] for view in ordered], config.scenery)
         return cls(ordered, estimates, SymmetryTable.of(catalogue), catalogue, config, kinship, scenery)
 
     def of_views(self, views: set[int]) -> PosedObjects:

@@ -82,11 +82,10 @@ def witnessed(group: Group, links: list[Link]) -> tuple[Group, list[Link]]:
     """
     if group.scenery is None:
         return group, links
-    motions = {
-        (link.reference, link.query): motion
-        for link in links
-        if (motion := group.scenery.motion(link.reference, link.query)) is not None
-    }
+    pairs = [(link.reference, link.query) for link in links]
+    names = [view.view_id for view in group.views]
+    seen = {(a, b): group.scenery.motion(names[a], names[b]) for a, b in pairs}
+    motions = {pair: motion for pair, motion in seen.items() if motion is not None}
     estimates = group.estimates
     allowed = np.zeros((len(group.views), len(group.views)), dtype=np.bool_)
     for pair in motions:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
-from multicam.bundle.scenery.features import Features
+from multicam.bundle.scenery.scenery import Scenery
 from multicam.dataset.objects import Catalogue
 from multicam.matching.arrays import IntArray
 from multicam.matching.learned import NoiseModel
@@ -26,7 +26,7 @@ def register_views(
     catalogue: Catalogue,
     config: RegistrationConfig,
     noise: NoiseModel | None = None,
-    features: Mapping[str, Features] | None = None,
+    scenery: Scenery | None = None,
 ) -> Registration:
     """Places the cameras of views, taken at one time, by the objects they see.
 
@@ -37,14 +37,14 @@ def register_views(
     Args:
         views: what each camera saw; keypoints of detections must be free of lens distortion.
         noise: what `learn_noise` found out about such estimates; without it they are taken at their word.
-        features: points of each view's picture, by its name. What pictures share beside the objects confirms poses that
-            the objects leave in doubt, and sharpens all.
+        scenery: points of each view's picture, by its name. What pictures share beside the objects confirms, sharpens
+            or contradicts what the objects tell.
 
     Raises:
         DataError: an estimate of a class that the catalogue does not hold.
         ValueError: two views of one name.
     """
-    group = Group.of(views, catalogue, config, noise, features)
+    group = Group.of(views, catalogue, config, noise, scenery)
     found, refusals = solve(group)
     components = tuple(_finish(group, refinement, views) for refinement in found)
     return Registration(components, {group.views[v].view_id: reason for v, reason in sorted(refusals.items())})

@@ -8,6 +8,7 @@ from multicam.bundle.adjustment.scene import Scene
 from multicam.bundle.bearing import BearingFactor
 from multicam.bundle.problem import State
 from multicam.bundle.scenery.config import SceneryConfig
+from multicam.bundle.scenery.features import find_features
 from multicam.bundle.scenery.scenery import Bearing, Scenery, bearing_factor
 from multicam.geometry import se3
 from multicam.matching.linear import congruent
@@ -15,7 +16,8 @@ from multicam.matching.linear import congruent
 
 def find_bearings(scene: Scene, state: State, config: SceneryConfig) -> tuple[BearingFactor, ...]:
     """All pairs of cameras whose motion their pictures show, if it agrees with the poses to begin with."""
-    scenery = Scenery.of(((each.image, each.camera) for each in scene.pictures), config)
+    features = (find_features(each.image, each.camera, config) for each in scene.pictures)
+    scenery = Scenery(dict(enumerate(features)), config)
     found: list[Bearing] = []
     for first, second in combinations(range(len(scene.pictures)), 2):
         motion = scenery.motion(first, second)

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from multicam.bundle.bearing import BearingFactor
 from multicam.bundle.scenery.config import SceneryConfig
-from multicam.bundle.scenery.features import Features, find_features, match_features
+from multicam.bundle.scenery.features import Features, match_features
 from multicam.bundle.scenery.motion import SeenMotion, see_motion
-from multicam.geometry.camera import Camera
 from multicam.matching.linear import inverse
-from multicam.types import ImageArray
 
 Bearing = tuple[int, int, SeenMotion]
 """First and second camera, and the motion between them."""
@@ -21,17 +19,12 @@ Bearing = tuple[int, int, SeenMotion]
 
 @dataclass(frozen=True, eq=False)
 class Scenery:
-    """The points of each camera's picture."""
+    """The points of each camera's picture, by the camera's name or number."""
 
-    features: Sequence[Features]
+    features: Mapping[Hashable, Features]
     config: SceneryConfig
 
-    @classmethod
-    def of(cls, pictures: Iterable[tuple[ImageArray, Camera]], config: SceneryConfig) -> Scenery:
-        """Finds the points of pictures (height, width, 3) RGB of ideal lenses."""
-        return cls([find_features(image, camera, config) for image, camera in pictures], config)
-
-    def motion(self, first: int, second: int) -> SeenMotion | None:
+    def motion(self, first: Hashable, second: Hashable) -> SeenMotion | None:
         """first_from_second of two cameras, as their pictures show it; see `see_motion`."""
         return see_motion(match_features(self.features[first], self.features[second], self.config), self.config)
 
