@@ -59,7 +59,7 @@ def test_one_object_is_enough_where_pictures_agree_with_it(rng: np.random.Genera
 
 def test_pictures_sharpen_what_objects_tell(rng: np.random.Generator, scenery: Scenery) -> None:
     before, after = [], []
-    for _ in range(5):
+    for _ in range(3):
         scene = world(rng, (BRACKET, PLATE, WEDGE), 3)
         views = scene.views(rng, **NOISE)
         for given, errors in ((None, before), (scenery, after)):

@@ -166,7 +166,7 @@ def compose(config: NewConfig, data: Path, catalogue: Catalogue, pictures: Pictu
     folders = {"train": [str(data / "train")], "validation": [str(data / "val")], "models": str(config.models)}
     cache = pictures.count * pictures.width * pictures.height * _PIXEL < _CACHED
     source = "measured" if pictures.rendered else "expected; nothing is rendered yet"
-    kept = {key: recipe[key] for key in ("augment", "ema_decay", "least_positives") if key in recipe}
+    kept = {key: recipe[key] for key in ("augment", "optimizer", "ema_decay", "least_positives") if key in recipe}
     steps = max(pictures.count // each_step, 1) * epochs
     begin = [Choice({"initial": str(config.initial)}, "What backbone and neck begin with.")] if config.initial else []
     sections = (

@@ -23,8 +23,6 @@ class SceneryConfig:
     """Guesses that are refined, the best ones that differ."""
     least_matches: int = 50
     """Matches that must lie on their epipolar lines, within three deviations; as many as ORB-SLAM asks of its start."""
-    least_share: float = 0.25
-    """The same as a share of all matches; of wrong ones a tenth or so fits some motion."""
     margin: float = 10.0
     """By how much, in log likelihood, the best motion must beat others: points in one plane have two, and repeating
     patterns more. Others nearby make it less certain, others further away leave it unknown."""

@@ -79,7 +79,7 @@ def see_motion(matches: Matches, config: SceneryConfig) -> SeenMotion | None:
     energy = _energy(factor, refined)
     motion = refined[np.argmin(energy)]
     fitting = np.abs(factor.residuals(motion[None])[0]) < WIDE
-    if np.count_nonzero(fitting) < max(config.least_matches, config.least_share * len(matches)):
+    if np.count_nonzero(fitting) < config.least_matches:
         return None
     rivals = refined[(energy > energy.min()) & (energy < energy.min() + config.margin)]
     motion, *others = (_before_both(each, matches.chosen(fitting)) for each in (motion, *rivals))
