@@ -81,15 +81,17 @@ def test_muon_takes_kernels_that_are_matrices_and_leaves_the_rest_to_adamw() -> 
 
 
 class _Groups(nn.Module):
-    def __init__(self, groups: int) -> None:
+    def __init__(self, groups: int, size: int) -> None:
         super().__init__()
-        self.conv = nn.Conv2d(8, 6, 3, groups=groups, bias=False)
+        self.conv = nn.Conv2d(8, 12, size, groups=groups, bias=False)
 
 
-@pytest.mark.parametrize("groups", [1, 2])
-def test_a_step_of_muon_is_orthogonal_in_each_group_as_large_as_one_of_adamw_and_forgets_the_past(groups: int) -> None:
+@pytest.mark.parametrize(("groups", "size"), [(1, 3), (2, 3), (1, 1), (2, 1)])
+def test_a_step_of_muon_is_orthogonal_in_each_group_as_large_as_one_of_adamw_and_forgets_the_past(
+    groups: int, size: int
+) -> None:
     torch.manual_seed(0)
-    module = _Groups(groups).to(memory_format=torch.channels_last)
+    module = _Groups(groups, size).to(memory_format=torch.channels_last)
     optimizer = build_optimizer(module, "muon", 0.5)
     for group in optimizer.param_groups:
         group["lr"] = 0.1
@@ -98,8 +100,8 @@ def test_a_step_of_muon_is_orthogonal_in_each_group_as_large_as_one_of_adamw_and
     optimizer.step()
     # Without the decay of 1 - 0.1 * 0.5.
     step = (before * 0.95 - module.conv.weight.detach()) / 0.1
-    wide = 8 // groups * 9
-    matrices = step.reshape(groups, 6 // groups, wide) / (0.2 * math.sqrt(wide))
+    rows, columns = 12 // groups, 8 // groups * size**2
+    matrices = step.reshape(groups, rows, columns) / (0.2 * math.sqrt(max(rows, columns)))
     sizes = torch.linalg.svdvals(matrices)
     assert (sizes > 0.65).all() and (sizes < 1.25).all()
     assert step.square().mean().sqrt() == pytest.approx(0.2, rel=0.3)
