@@ -16,6 +16,9 @@ from multicam.types import FloatArray
 AGREES = 0.5
 """Weight from which a bearing agrees with the poses."""
 
+_LEAST = 1e-9
+"""Least distance, metres, and least of 1 + cosine, that are divided by: cameras at one place, or the opposite way."""
+
 _KERNEL = Student(11.07, 0)
 """Bearings weigh 1 or less; half where they are as far off as one in twenty right ones is (five degrees of freedom)."""
 
@@ -64,10 +67,10 @@ def bearing_residual(relative: FloatArray, measured: FloatArray) -> tuple[FloatA
     """
     rotation, shift = relative[:, :3, :3], relative[:, :3, 3]
     turn = so3.log(np.swapaxes(measured[:, :3, :3], -1, -2) @ rotation)
-    length = np.linalg.norm(shift, axis=-1, keepdims=True)
+    length = np.maximum(np.linalg.norm(shift, axis=-1, keepdims=True), _LEAST)
     direction, target = shift / length, measured[:, :3, 3]
     basis = np.swapaxes(across(target), -1, -2)
-    rise = 1 + np.sum(direction * target, axis=-1, keepdims=True)
+    rise = np.maximum(1 + np.sum(direction * target, axis=-1, keepdims=True), _LEAST)
     sideways = 2 * apply(basis, direction) / rise
     of_direction = (2 * basis - sideways[:, :, None] * target[:, None, :]) / rise[:, :, None]
     flat = np.eye(3) - direction[:, :, None] * direction[:, None, :]

@@ -120,6 +120,11 @@ def test_a_bearing_is_whitened_by_its_covariance_and_the_opposite_one_is_far() -
     behind = turned.copy()
     behind[1, :3, 3] *= [1, 1, -1]
     assert not factor.agrees(behind).any()
+    for place in (np.zeros(3), -measured[0, :3, 3]):
+        turned[1] = np.eye(4)
+        turned[1, :3, 3] = place
+        local = factor.linearize(turned)
+        assert np.isfinite(local.energy).all() and np.isfinite(local.hessian).all()
 
 
 @given(seeds(), twists(most=0.3, reach=0.1))
