@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -73,12 +74,7 @@ def test_the_gradient_of_an_odometry_factor_is_exact_in_both_poses(
 @given(seeds())
 def test_the_hessian_of_an_odometry_factor_is_exact_where_the_residual_vanishes(rng: np.random.Generator) -> None:
     factor, poses = odometry_factor(rng)
-    steps = STEP * np.eye(12).reshape(12, 2, 6)
-    numeric = [
-        (factor.linearize(se3.plus(poses, s)).gradient - factor.linearize(se3.plus(poses, -s)).gradient)[0] / (2 * STEP)
-        for s in steps
-    ]
-    assert_close(factor.linearize(poses).hessian[0], np.array(numeric))
+    assert_close(factor.linearize(poses).hessian[0], numeric_pair_hessian(factor, poses))
 
 
 @given(seeds(), twists(most=2.0, reach=0.3))
@@ -98,14 +94,9 @@ def test_the_gradient_of_a_bearing_factor_is_exact_in_both_poses_and_knows_no_le
 @given(seeds())
 def test_the_hessian_of_a_bearing_factor_is_exact_where_the_residual_vanishes(rng: np.random.Generator) -> None:
     factor, poses = bearing_factor(rng)
-    steps = STEP * np.eye(12).reshape(12, 2, 6)
-    numeric = [
-        (factor.linearize(se3.plus(poses, s)).gradient - factor.linearize(se3.plus(poses, -s)).gradient)[0] / (2 * STEP)
-        for s in steps
-    ]
     local = factor.linearize(poses)
     assert local.energy[0] == pytest.approx(0, abs=1e-12) and factor.agrees(poses).all()
-    assert_close(local.hessian[0], np.array(numeric))
+    assert_close(local.hessian[0], numeric_pair_hessian(factor, poses))
 
 
 def test_a_bearing_is_whitened_by_its_covariance_and_the_opposite_one_is_far() -> None:
@@ -203,14 +194,18 @@ def test_student_grows_as_the_logarithm_of_gross_errors_and_weighs_them_down() -
 
 
 def numeric_pair_gradient(factor: PairFactor, poses: np.ndarray) -> np.ndarray:
-    """Central differences of the energy in the right tangents of both poses."""
+    """(12,) central differences of the energy in the right tangents of both poses."""
+    return _pair_differences(lambda moved: factor.linearize(moved).energy, poses)
+
+
+def numeric_pair_hessian(factor: PairFactor, poses: np.ndarray) -> np.ndarray:
+    """(12, 12) of the gradient."""
+    return _pair_differences(lambda moved: factor.linearize(moved).gradient, poses)
+
+
+def _pair_differences(value: Callable[[np.ndarray], np.ndarray], poses: np.ndarray) -> np.ndarray:
     steps = STEP * np.eye(12).reshape(12, 2, 6)
-    return np.array(
-        [
-            (factor.linearize(se3.plus(poses, s)).energy - factor.linearize(se3.plus(poses, -s)).energy)[0] / (2 * STEP)
-            for s in steps
-        ]
-    )
+    return np.array([(value(se3.plus(poses, s)) - value(se3.plus(poses, -s)))[0] / (2 * STEP) for s in steps])
 
 
 def bearing_factor(rng: np.random.Generator) -> tuple[BearingFactor, np.ndarray]:
