@@ -29,7 +29,7 @@ class Turn:
     @property
     def name(self) -> str:
         """In words, with the axis as letters where it is one of the object's own."""
-        axis = "(" + ", ".join(f"{v:.2f}" for v in self.direction + 0.0) + ")"
+        axis = "(" + ", ".join(f"{v:.2f}" for v in np.round(self.direction, 2) + 0.0) + ")"
         for letter, unit in zip("xyz", np.eye(3), strict=True):
             if abs(self.direction @ unit) > 1 - 1e-9:
                 axis = letter
