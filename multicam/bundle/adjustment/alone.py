@@ -50,6 +50,7 @@ def observe_edges(
         object=np.arange(edges),
         fixed=np.ones(cameras, dtype=np.bool_),
         motions=(),
+        bearings=(),
     )
     everyone = Participants(np.ones(cameras, dtype=np.bool_), np.ones(edges, dtype=np.bool_), apart.fixed)
     state = State(world_from_camera, world_from_camera[scene.camera] @ scene.estimated)
