@@ -13,7 +13,6 @@ from multicam.bundle.scenery.features import find_features
 from multicam.bundle.scenery.scenery import Scenery
 from multicam.geometry import se3
 from multicam.registration import RegistrationConfig, register_views
-from multicam.registration.refusal import CONTRADICTED
 from multicam.types import Registration, View
 from tests.bundle.scenery.room import CAMERA, draw, standing
 from tests.toy_objects import BRACKET, PLATE, PYRAMID, WEDGE, toy_catalogue
@@ -80,7 +79,7 @@ def test_objects_that_all_moved_alike_are_found_out(rng: np.random.Generator, sc
 
 
 def test_a_camera_whose_bearings_its_objects_overrule_is_refused(rng: np.random.Generator, scenery: Scenery) -> None:
-    """The bearing to the third camera allows one wrong object; others, which the second sees, then pull it away."""
+    """All that the third camera sees was moved alike before it looked."""
     scene = world(rng, (BRACKET, PLATE, WEDGE, PYRAMID), 3)
     first, second, third = scene.views(rng, **NOISE)
     away = moved(third, se3.exp(np.array([0, 0.35, 0, 0.1, 0, 0.05])))
@@ -88,7 +87,6 @@ def test_a_camera_whose_bearings_its_objects_overrule_is_refused(rng: np.random.
     for component in answer.components:
         assert "camera2" not in {camera.view_id for camera in component.cameras}
     assert "camera2" in answer.refusals and "beside them" in answer.refusals["camera2"]
-    assert "beside them" in CONTRADICTED
 
 
 def test_pictures_without_texture_change_nothing(rng: np.random.Generator) -> None:

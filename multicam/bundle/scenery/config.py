@@ -12,7 +12,7 @@ class SceneryConfig:
     features: int = 2000
     """Most points of a picture, the strongest ones."""
     contrast: float = 0.01
-    """Least contrast of a point, SIFT's measure; its usual 0.04 leaves too few on plain tables."""
+    """Least contrast of a point, SIFT's measure; below its usual 0.04, for more points."""
     ratio: float = 0.85
     """A match is the best in both directions, its distance below this share of the next best one's (Lowe)."""
     std: float = 1.0

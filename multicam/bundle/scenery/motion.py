@@ -38,6 +38,7 @@ AMBIGUOUS = 0.1
 
 _KERNEL = Student(1.0, 1)
 _ENDS = np.array([True, False])
+_QUARTER = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,9 +111,6 @@ def _guesses(matches: Matches, config: SceneryConfig) -> FloatArray:
     left *= np.linalg.det(left)[:, None, None]
     right *= np.linalg.det(right)[:, None, None]
     return se3.from_parts(left @ _QUARTER @ right, left[:, :, 2])
-
-
-_QUARTER = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
 
 
 def _energy(factor: EpipolarFactor, motions: FloatArray) -> FloatArray:
