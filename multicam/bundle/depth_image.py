@@ -15,6 +15,8 @@ from multicam.geometry.mesh import Mesh
 from multicam.geometry.rasterizer import render_depths
 from multicam.types import FloatArray
 
+PackedDepth = tuple[NDArray[np.float32], NDArray[np.float32], FloatArray, FloatArray]
+
 
 @dataclass(frozen=True, eq=False)
 class DepthImage:
@@ -41,6 +43,13 @@ class DepthImage:
     def blocks(self) -> NDArray[np.float32]:
         """The nearest depth in each square of `occlusion_compiled.BLOCK` pixels."""
         return nearest_of_blocks(self.depth)
+
+    @cached_property
+    def packed(self) -> PackedDepth:
+        """What compiled functions look at, of one type whoever made the picture: depth, blocks, matrix, pose."""
+        matrix, pose = self.camera.matrix, self.depth_from_camera
+        depth, blocks, matrix, pose = (np.require(each, None, "CW") for each in (self.depth, self.blocks, matrix, pose))
+        return depth, blocks, matrix, pose
 
 
 def draw_bodies(bodies: Sequence[tuple[Mesh, FloatArray]], camera: Camera) -> DepthImage:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from multicam.bundle.depth_image import DepthImage
-from multicam.bundle.occlusion_compiled import mark_hidden
+from multicam.bundle.depth_image import DepthImage, PackedDepth
+from multicam.bundle.occlusion_compiled import find_visible
 from multicam.bundle.viewpoints.model import Float32Array
 from multicam.matching.arrays import BoolArray
 from multicam.types import FloatArray
@@ -44,11 +45,13 @@ class Occluders:
         Args:
             offset: (n, k) depth offsets of the points, as ViewpointModel has them.
         """
-        seen = np.ones(len(point), dtype=np.bool_)
-        within = min(int(self.config.radius / offset_step + 0.5), offset.shape[-1] - 1)
-        for image in self.images:
-            mark_hidden(
-                image.depth, image.blocks, image.camera.matrix, image.depth_from_camera @ camera_from_object,
-                point, offset[:, within], self.config.radius, self.config.threshold, seen,
-            )  # fmt: skip
-        return seen
+        return find_visible(*self.packed, point, offset, offset_step, camera_from_object)
+
+    @cached_property
+    def packed(self) -> tuple[tuple[PackedDepth, ...], float, float]:
+        """What compiled functions look at: pictures (without any, an empty one), radius, threshold."""
+        images = tuple(image.packed for image in self.images) or (_NOTHING,)
+        return images, self.config.radius, self.config.threshold
+
+
+_NOTHING: PackedDepth = (np.empty((0, 0), np.float32), np.empty((0, 0), np.float32), np.eye(3), np.eye(4))

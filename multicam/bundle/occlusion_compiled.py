@@ -8,6 +8,7 @@ import numpy as np
 from numba import njit
 
 from multicam.bundle.pixels import focal_length, inside, projected, transformed, window
+from multicam.geometry.compiled import compose
 
 STRIDES = 5
 """About how many pixels of a patch are looked at in each direction."""
@@ -28,6 +29,18 @@ def nearest_of_blocks(depth):
             if 0 < depth[row, column] < least[row // BLOCK, column // BLOCK]:
                 least[row // BLOCK, column // BLOCK] = depth[row, column]
     return least
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def find_visible(images, radius, threshold, point, offset, offset_step, camera_from_object):
+    """See Occluders.visible; images as DepthImage.packed, at least one."""
+    within = min(int(radius / offset_step + 0.5), offset.shape[1] - 1)
+    seen = np.ones(len(point), np.bool_)
+    depth_from_object = np.empty((4, 4))
+    for depth, blocks, matrix, depth_from_camera in images:
+        compose(depth_from_camera, camera_from_object, depth_from_object)
+        mark_hidden(depth, blocks, matrix, depth_from_object, point, offset[:, within], radius, threshold, seen)
+    return seen
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

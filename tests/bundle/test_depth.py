@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -183,6 +185,17 @@ def test_an_occluder_counts_beyond_the_threshold_and_the_object_s_own_relief(thr
     expected = depth - model.surface_offset[0, :, 5] - threshold <= image.depth[0, 0]
     assert np.array_equal(seen, expected)
     assert 0 < seen.sum() < len(seen)
+
+
+def test_pictures_of_any_memory_hide_alike() -> None:
+    read_only, strided = constant_depth(0.3), constant_depth(2.0)
+    read_only.depth.flags.writeable = False
+    strided = replace(strided, depth=np.asfortranarray(strided.depth), depth_from_camera=np.eye(4, order="F"))
+    model = box_model()
+    for images in ((read_only, strided), (strided, read_only)):
+        args = model.surface_point[0], model.surface_offset[0], model.offset_step, pose()
+        assert not Occluders(images).visible(*args).any()
+        assert Occluders((strided,)).visible(*args).all()
 
 
 def test_a_depth_picture_must_fit_its_camera() -> None:

@@ -206,6 +206,23 @@ def test_a_turned_picture_gives_the_same_answer(rng: np.random.Generator) -> Non
     assert len(lines) == len(straight) > 0
 
 
+def test_an_object_too_thin_for_a_coarse_search_is_searched_at_the_next_finer_scale(rng: np.random.Generator) -> None:
+    thin = pose()
+    thin[2, 3] = 3.0
+    picture = color_picture(rng, thin)
+    known = ColorModel.uniform().blended(colors_at(box_model(), picture, K, thin, Occluders(), CONFIG), 1.0)
+    counts = [len(found(picture, thin, search, known)) for search in range(4)]
+    enough = next(search for search, count in enumerate(counts) if 2 * count >= CONFIG.lines)
+    assert enough > 0 and counts[0] > 0
+    lines = find_lines(box_model(), picture, K, thin, known, Occluders(), 0, CONFIG, finer=True)
+    assert np.array_equal(lines, found(picture, thin, enough, known))
+    # Nothing is finer than the finest.
+    gone = pose()
+    gone[:3, 3] = [5.0, 0, 0.6]
+    for search in (0, 3, 9):
+        assert len(find_lines(box_model(), picture, K, gone, known, Occluders(), search, CONFIG, finer=True)) == 0
+
+
 @pytest.mark.parametrize("place", [[5.0, 0, 0.6], [0, 0, -0.6], [0, 0, 0.0]])
 def test_an_object_out_of_sight_has_no_lines(rng: np.random.Generator, place: list[float]) -> None:
     gone = pose()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -141,9 +142,13 @@ class System:
 
     def _priors(self, state: State) -> Iterator[tuple[EdgeFactor, FloatArray, Linearization]]:
         """What was estimated before, with the poses of its edges at a state and its energy there."""
-        for prior in self.scene.priors(self.config.tail):
+        for prior in self._estimates:
             at = state.camera_from_object(prior.camera, prior.object)
             yield prior, at, prior.linearize(at)
+
+    @cached_property
+    def _estimates(self) -> tuple[EdgeFactor, ...]:
+        return self.scene.priors(self.config.tail)
 
     def measured(self, state: State) -> Linearization:
         """What lines and points of a last search at a state say of its edges (e,)."""

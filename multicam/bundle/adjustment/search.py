@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from multicam.bundle.adjustment.config import AdjustmentConfig
-from multicam.bundle.adjustment.scene import Picture, Scene
+from multicam.bundle.adjustment.scene import Scene
 from multicam.bundle.cores import over_cores
 from multicam.bundle.depth.factor import DepthFactor
 from multicam.bundle.depth.points import PairArray, find_points
@@ -17,10 +17,8 @@ from multicam.bundle.factor import EdgeFactor, Linearization
 from multicam.bundle.occlusion import Occluders
 from multicam.bundle.problem import State
 from multicam.bundle.region.colors import ColorModel, colors_at
-from multicam.bundle.region.config import RegionConfig
 from multicam.bundle.region.factor import RegionFactor
 from multicam.bundle.region.lines import LineArray, find_lines
-from multicam.bundle.viewpoints.model import ViewpointModel
 from multicam.geometry import se3
 from multicam.matching.arrays import IntArray
 from multicam.types import FloatArray
@@ -138,7 +136,9 @@ def search_pictures(
         picture, hidden = scene.pictures[camera], occluders[camera]
         lines = pairs = None
         if config.region is not None:
-            lines = _find_lines(model, picture, at, colors[edge], hidden, search, config.region)
+            lines = find_lines(
+                model, picture.image, picture.camera.matrix, at, colors[edge], hidden, search, config.region, finer=True
+            )
         if config.depth is not None and picture.depth is not None:
             pairs = find_points(model, picture.depth, at, hidden, search, config.depth)
         return lines, pairs
@@ -154,21 +154,3 @@ def search_pictures(
         pairs = [each for _, each in found if each is not None]
         depth = DepthFactor.of_edges(scene.camera[measured], scene.object[measured], pairs)
     return Found(region, depth, measured, len(pose))
-
-
-def _find_lines(
-    model: ViewpointModel,
-    picture: Picture,
-    camera_from_object: FloatArray,
-    colors: ColorModel,
-    occluders: Occluders,
-    search: int,
-    config: RegionConfig,
-) -> LineArray:
-    """Lines at the scale of a search or, where an object is too thin for most of them, at the first finer one."""
-    lines = find_lines(
-        model, picture.image, picture.camera.matrix, camera_from_object, colors, occluders, search, config
-    )
-    if 2 * len(lines) >= config.lines or search + 1 >= len(config.scales):
-        return lines
-    return _find_lines(model, picture, camera_from_object, colors, occluders, search + 1, config)

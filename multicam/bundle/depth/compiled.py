@@ -10,7 +10,10 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from multicam.bundle.occlusion_compiled import find_visible
 from multicam.bundle.pixels import focal_length, inside, projected, transformed, window
+from multicam.bundle.viewpoints.compiled import closest_view
+from multicam.geometry.compiled import compose, inverse
 
 PAIR = np.dtype(
     [
@@ -25,10 +28,30 @@ camera's frame, and one over the standard deviation of their distance along the 
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def search_surface(
+    image, camera_from_object, images, within, threshold, direction, area, point, normal, offset, offset_step,
+    radius, spacing, deviation, pairs,
+):  # fmt: skip
+    """See find_points: writes `pairs` and returns how many there are."""
+    depth, _, matrix, depth_from_camera = image
+    depth_from_object, camera_from_depth = np.empty((4, 4)), np.empty((4, 4))
+    compose(depth_from_camera, camera_from_object, depth_from_object)
+    view, n = closest_view(direction, depth_from_object), len(pairs)
+    if area[view] == 0:
+        return 0
+    inverse(depth_from_camera, camera_from_depth)
+    seen = find_visible(images, within, threshold, point[view, :n], offset[view, :n], offset_step, camera_from_object)
+    return search_points(
+        depth, matrix, depth_from_object, camera_from_depth, point[view, :n], normal[view, :n], seen,
+        radius, spacing, deviation, pairs,
+    )  # fmt: skip
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def search_points(
     depth, matrix, depth_from_object, camera_from_depth, point, normal, seen, radius, spacing, deviation, pairs
 ):  # fmt: skip
-    """See find_points: writes `pairs` and returns how many there are."""
+    """Writes `pairs` of a view and returns how many there are; `seen` tells which may be looked for."""
     focal = focal_length(matrix)
     unprojection = np.linalg.inv(matrix)
     most = max(int(2 * radius / spacing + 0.5), 1)

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from multicam.bundle.depth.compiled import PAIR, search_points
+from multicam.bundle.depth.compiled import PAIR, search_surface
 from multicam.bundle.depth.config import DepthConfig
 from multicam.bundle.depth_image import DepthImage
 from multicam.bundle.groups import RecordArray
 from multicam.bundle.occlusion import Occluders
 from multicam.bundle.viewpoints.model import ViewpointModel
-from multicam.geometry import se3
 from multicam.types import FloatArray
 
 PairArray = RecordArray
@@ -33,17 +32,10 @@ def find_points(
     Args:
         search: number of the search, from 0, by which radius and deviation advance.
     """
-    depth_from_object = image.depth_from_camera @ camera_from_object
-    view = model.closest_view(depth_from_object)
-    if model.surface_area[view] == 0:
-        return np.empty(0, PAIR)
-    n = config.points
-    point = model.surface_point[view, :n]
-    seen = occluders.visible(point, model.surface_offset[view, :n], model.offset_step, camera_from_object)
-    pairs = np.empty(len(point), PAIR)
-    count = search_points(
-        image.depth, image.camera.matrix, depth_from_object, se3.inverse(image.depth_from_camera),
-        point, model.surface_normal[view, :n], seen,
+    pairs = np.empty(min(config.points, model.surface_point.shape[1]), PAIR)
+    count = search_surface(
+        image.packed, camera_from_object, *occluders.packed, model.direction, model.surface_area,
+        model.surface_point, model.surface_normal, model.surface_offset, model.offset_step,
         config.radius(search), config.spacing(search), config.deviation(search), pairs,
     )  # fmt: skip
     return pairs[:count]

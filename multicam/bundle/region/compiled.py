@@ -15,7 +15,9 @@ import math
 import numpy as np
 from numba import njit
 
+from multicam.bundle.occlusion_compiled import find_visible
 from multicam.bundle.pixels import focal_length, inside, projected, transformed
+from multicam.bundle.viewpoints.compiled import closest_view
 
 STEP = 8
 """Segments over which the step from object to background is smoothed."""
@@ -92,10 +94,31 @@ def count_colors(image, matrix, pose, point, normal, foreground, background, see
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def search_contour(
+    image, matrix, pose, posterior, images, radius, threshold, direction, length, point, normal, foreground, background,
+    offset, offset_step, scales, deviations, clear, lines,
+):  # fmt: skip
+    """See find_lines: writes `lines`, at the first scale at which there are enough, and returns how many there are."""
+    view, n = closest_view(direction, pose), len(lines)
+    if length[view] == 0:
+        return 0
+    seen = find_visible(images, radius, threshold, point[view, :n], offset[view, :n], offset_step, pose)
+    count = 0
+    for scale, deviation in zip(scales, deviations):  # noqa: B905 - not in compiled code
+        count = search_lines(
+            image, matrix, pose, posterior, point[view, :n], normal[view, :n], foreground[view, :n],
+            background[view, :n], seen, scale, deviation, clear, lines,
+        )  # fmt: skip
+        if 2 * count >= n:
+            break
+    return count
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def search_lines(
     image, matrix, pose, posterior, point, normal, foreground, background, seen, scale, deviation, clear, lines
 ):  # fmt: skip
-    """See find_lines: writes `lines` and returns how many there are."""
+    """Writes `lines` of a view at one scale and returns how many there are; `seen` tells which may be looked for."""
     focal = focal_length(matrix)
     on_object = np.empty(SEGMENTS)
     count = 0

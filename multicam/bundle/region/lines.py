@@ -7,7 +7,7 @@ import numpy as np
 from multicam.bundle.groups import RecordArray
 from multicam.bundle.occlusion import Occluders
 from multicam.bundle.region.colors import ColorModel
-from multicam.bundle.region.compiled import LINE, search_lines
+from multicam.bundle.region.compiled import LINE, search_contour
 from multicam.bundle.region.config import RegionConfig
 from multicam.bundle.viewpoints.model import ViewpointModel
 from multicam.types import FloatArray, ImageArray
@@ -25,6 +25,7 @@ def find_lines(
     occluders: Occluders,
     search: int,
     config: RegionConfig,
+    finer: bool = False,
 ) -> LineArray:
     """Lines across the contour of an object at a pose (4, 4), each with the posterior of where the contour lies.
 
@@ -34,17 +35,15 @@ def find_lines(
     Args:
         image: (height, width, 3) RGB, without distortion.
         search: number of the search, from 0, by which scale and deviation advance.
+        finer: whether, where the object is too thin for half of the lines, those of the next finer scale are taken.
     """
-    view = model.closest_view(camera_from_object)
-    if model.contour_length[view] == 0:
-        return np.empty(0, LINE)
-    n = config.lines
-    point = model.contour_point[view, :n]
-    seen = occluders.visible(point, model.contour_offset[view, :n], model.offset_step, camera_from_object)
-    lines = np.empty(len(point), LINE)
-    count = search_lines(
-        image, camera_matrix, camera_from_object, colors.posterior, point, model.contour_normal[view, :n],
-        model.foreground[view, :n], model.background[view, :n], seen,
-        config.scale(search), config.deviation(search), config.clear, lines,
+    lines = np.empty(min(config.lines, model.contour_point.shape[1]), LINE)
+    searches = range(search, max(search + 1, len(config.scales) if finer else 0))
+    count = search_contour(
+        image, camera_matrix, camera_from_object, colors.posterior, *occluders.packed,
+        model.direction, model.contour_length, model.contour_point, model.contour_normal,
+        model.foreground, model.background, model.contour_offset, model.offset_step,
+        np.array([config.scale(each) for each in searches]), np.array([config.deviation(each) for each in searches]),
+        config.clear, lines,
     )  # fmt: skip
     return lines[:count]

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from multicam.bundle.viewpoints.compiled import closest_view
 from multicam.errors import DataError
 from multicam.files import require_file, write_atomic
 from multicam.types import FloatArray
@@ -54,8 +55,7 @@ class ViewpointModel:
 
     def closest_view(self, camera_from_object: FloatArray) -> int:
         """Index of the view that sees the object most as a pose (4, 4) does; an object at the camera gets view 0."""
-        rotation, translation = camera_from_object[:3, :3], camera_from_object[:3, 3]
-        return int(np.argmax(self.direction @ (rotation.T @ translation).astype(np.float32)))
+        return closest_view(self.direction, camera_from_object)
 
 
 _STEP = "offset_step"
