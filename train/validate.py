@@ -15,6 +15,7 @@ from multicam.geometry.boxes import overlap
 from multicam.geometry.camera import Camera
 from multicam.inference.decode import DecodeConfig, RawDetections, suppress
 from multicam.inference.pnp import PnpConfig, PnpSolution, solve_pnp
+from multicam.inference.shrinkage import undo_shrinkage
 from multicam.progress import Progress
 from multicam.types import FloatArray, ImageArray
 from train.loader import ValidationSet
@@ -136,7 +137,7 @@ def _pose_error(
     found: RawDetections, best: int, keypoints: FloatArray, camera: Camera, pose: FloatArray, known: TrainedObject
 ) -> float:
     std, visibility = found.std[best].astype(np.float64), found.visibility[best].astype(np.float64)
-    solution = solve_pnp(keypoints, std, visibility, known.keypoints, camera, PnpConfig())
+    solution = solve_pnp(undo_shrinkage(keypoints, std), std, visibility, known.keypoints, camera, PnpConfig())
     if not isinstance(solution, PnpSolution):
         return float("inf")
     distance = add_s if known.model.symmetries else add

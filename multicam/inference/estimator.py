@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from multicam.geometry.camera import Camera
 from multicam.inference.decode import DecodeConfig
 from multicam.inference.pnp import PnpConfig, PnpRefusal, solve_pnp
 from multicam.inference.session import Network
+from multicam.inference.shrinkage import undo_shrinkage
 from multicam.types import Detection, Frame, ObjectEstimate
 
 
@@ -59,7 +60,8 @@ class Estimator:
         """The geometric half of `analyse` for one frame: detections to poses."""
         estimates: list[ObjectEstimate] = []
         refusals: list[RefusedDetection] = []
-        for found in detections:
+        for expected in detections:
+            found = replace(expected, keypoints=undo_shrinkage(expected.keypoints, expected.std))
             points = self._catalogue[found.obj_id].keypoints
             assert points is not None, "the metadata of a network has keypoints"
             answer = solve_pnp(found.keypoints, found.std, found.visibility, points, camera, self.config.pnp)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64
 from numpy.typing import NDArray
+from scipy.special import gammaincinv
 
 from multicam.geometry import se3
 from multicam.geometry.camera import Camera
@@ -25,6 +26,9 @@ _SAME_POSE = 0.1
 
 _MISSED = 1e-3
 """Probability that all samples so far have had a wrong keypoint at which sampling ends (Fischler and Bolles 1981)."""
+
+_LUCK = 0.05
+"""Probability down to which small residuals are put down to luck."""
 
 _REFINED_HYPOTHESES = 5
 _REFINEMENT_ROUNDS = 3
@@ -245,7 +249,7 @@ def _describe(
         return PnpRefusal(f"the reprojection error is {error_px:.1f} px; {tolerance:.1f} px are allowed")
     chi2_per_dof = chi2 / (2 * len(norms) - 6)
     # A model that fits better than it claims is luck: the covariance is never deflated.
-    inflation = max(1.0, chi2_per_dof)
+    inflation = max(1.0, chi2_per_dof) * _shared_errors(chi2_per_dof, len(norms))
     precision = problem.information(first[0]) / inflation
     precision[:3, :3] += np.eye(3) / _LARGEST_ROTATION_VARIANCE
     covariance = _inverse(precision)
@@ -261,6 +265,21 @@ def _describe(
         chi2_per_dof=chi2_per_dof,
         twin=second[0] if ambiguous else None,
     )
+
+
+def _shared_errors(chi2_per_dof: float, keypoints: int) -> float:
+    """How much larger the covariance of a pose is because its keypoints are wrong together.
+
+    A network that takes an object to be turned otherwise than it is places all its keypoints as they would be then:
+    they agree with each other far better than their deviations say, though these are right for each. If all error is of
+    that kind, the pose has to explain the deviations of 2 n coordinates by 6 numbers, and its covariance is 2 n / 6
+    times that of independent errors. Residuals that luck makes as small once in twenty times or more often prove
+    nothing.
+    """
+    freedoms = 2 * keypoints - 6
+    by_luck = 2 * float(gammaincinv(freedoms / 2, _LUCK)) / freedoms
+    share = max(0.0, 1 - chi2_per_dof / by_luck)
+    return 1 + share * (2 * keypoints / 6 - 1)
 
 
 def _inverse(precision: FloatArray) -> FloatArray | None:

@@ -12,6 +12,7 @@ from multicam.geometry import se3, so3
 from multicam.geometry.camera import Camera
 from multicam.inference.estimator import Estimator
 from multicam.inference.session import Network
+from multicam.inference.shrinkage import undo_shrinkage
 from multicam.types import Frame
 from tests.inference.toy_network import HEIGHT, WIDTH, answer, picture_for, toy_metadata, write_network
 from tests.toy_objects import BRACKET, WEDGE
@@ -28,6 +29,12 @@ def poses() -> dict[int, np.ndarray]:
 
 @pytest.fixture
 def estimator(tmp_path: Path, catalogue: Catalogue, poses: dict[int, np.ndarray]) -> Estimator:
+    return Estimator(toy_network(tmp_path, catalogue, poses, std=0.001))
+
+
+def toy_network(folder: Path, catalogue: Catalogue, poses: dict[int, np.ndarray], std: float) -> Network:
+    """Answers with exact keypoints, but for those of the wedge in the second picture, which all are one point."""
+
     def keypoints(obj_id: int) -> np.ndarray:
         points = catalogue[obj_id].keypoints
         assert points is not None
@@ -38,8 +45,8 @@ def estimator(tmp_path: Path, catalogue: Catalogue, poses: dict[int, np.ndarray]
 
     good = np.stack((keypoints(BRACKET), keypoints(WEDGE)))
     bad = np.stack((keypoints(BRACKET), np.full((8, 2), 20.0)))
-    table = [answer(labels(BRACKET, WEDGE), [0.9, 0.6], [BOX, BOX], points, std=0.2) for points in (good, bad)]
-    return Estimator(Network(write_network(tmp_path / "toy.onnx", table, toy_metadata(catalogue).to_json())))
+    table = [answer(labels(BRACKET, WEDGE), [0.9, 0.6], [BOX, BOX], points, std) for points in (good, bad)]
+    return Network(write_network(folder / "toy.onnx", table, toy_metadata(catalogue).to_json()))
 
 
 def frames() -> list[Frame]:
@@ -59,6 +66,21 @@ def test_exact_keypoints_give_exact_poses_in_every_frame(estimator: Estimator, p
         assert estimate.covariance is not None
         assert np.all(np.linalg.eigvalsh(estimate.covariance) > 0)
         assert estimate.detection is not None
+
+
+def test_keypoints_are_spread_by_what_their_deviations_say_is_missing(
+    tmp_path: Path, catalogue: Catalogue, poses: dict[int, np.ndarray]
+) -> None:
+    network = toy_network(tmp_path, catalogue, poses, std=3.0)
+    left, _ = Estimator(network).estimate(frames())
+    raw, _ = network.detect([frame.image for frame in frames()])
+    for estimate, detection in zip(left, raw, strict=True):
+        assert estimate.detection is not None
+        restored = undo_shrinkage(detection.keypoints, detection.std)
+        assert estimate.detection.keypoints == pytest.approx(restored)
+        assert np.linalg.norm(restored - detection.keypoints, axis=1).max() > 0.1
+        # Larger in the picture, so nearer.
+        assert estimate.camera_from_object[2, 3] < poses[estimate.obj_id][2, 3] - 1e-3
 
 
 def test_a_detection_without_a_pose_keeps_its_reason(estimator: Estimator) -> None:

@@ -133,13 +133,31 @@ def test_covariance_is_calibrated() -> None:
 def test_covariance_grows_when_the_predicted_std_is_too_small() -> None:
     rng = np.random.default_rng(2)
     pose = random_pose(rng)
-    pixels = picture(pose, CUBE) + rng.normal(size=(8, 2)) * 1.2
+    pixels = picture(pose, CUBE) + rng.normal(size=(8, 2)) * 1.8
     proud, modest = solved(pixels, std=0.5), solved(pixels, std=1.5)
     assert proud.chi2_per_dof > 1.5
     assert modest.chi2_per_dof < 1
     # The model alone would make the variances differ by 9.
     ratio = np.trace(modest.covariance[3:, 3:]) / np.trace(proud.covariance[3:, 3:])
     assert ratio == pytest.approx(9 / proud.chi2_per_dof, rel=0.15)
+
+
+def test_keypoints_that_are_wrong_together_do_not_make_a_pose_precise() -> None:
+    """Each is as wrong as its deviation says, but all are where a pose that is a little off puts them."""
+    rng = np.random.default_rng(4)
+    std, nees = np.full((8, 2), 4.0), []
+    for _ in range(300):
+        pose = random_pose(rng)
+        # The spread of poses that explains all of the deviations: 16 coordinates by 6 numbers.
+        rows = reprojection.jacobian(pose, CUBE, std, CAMERA.matrix).reshape(16, 6)
+        spread = np.linalg.cholesky(np.linalg.inv(rows.T @ rows) * 16 / 6)
+        seen = picture(se3.plus(pose, spread @ rng.normal(size=6)), CUBE)
+        answer = solve_pnp(seen, std, np.ones(8), CUBE, CAMERA, CONFIG)
+        assert isinstance(answer, PnpSolution)
+        error = se3.minus(pose, answer.camera_from_object)
+        nees.append(error @ np.linalg.solve(answer.covariance, error))
+    # Independent errors would leave 16 on average.
+    assert 5.0 < np.mean(nees) < 7.5
 
 
 def test_covariance_is_never_smaller_than_the_model_says() -> None:
