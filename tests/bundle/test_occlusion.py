@@ -7,7 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from multicam.bundle.depth_image import DepthImage
+from multicam.bundle.occlusion import OcclusionConfig
 from multicam.bundle.occlusion_compiled import BLOCK, mark_hidden, nearest_of_blocks
+from multicam.bundle.viewpoints.generate import ViewpointConfig
 from multicam.geometry.camera import Camera
 
 CAMERA = Camera.from_focal(90.0, 75, 50)
@@ -48,3 +50,8 @@ def test_squares_without_anything_near_change_nothing(seed: int) -> None:
         mark_hidden(image.depth, blocks, CAMERA.matrix, np.eye(4), point, offset, radius, 0.03, seen)
     assert np.array_equal(quick, thorough)
     assert 0 < (~quick).sum() < 300
+
+
+def test_models_know_their_relief_as_far_around_as_occlusion_is_looked_for() -> None:
+    models = ViewpointConfig()
+    assert round(OcclusionConfig().radius / models.offset_step) < models.offsets

@@ -34,8 +34,8 @@ class ViewpointConfig:
     """Of each view."""
     offset_step: float = 0.002
     """Metres of radius between two depth offsets."""
-    offsets: int = 26
-    """Number of depth offsets; their largest radius is 5.2 cm."""
+    offsets: int = 6
+    """Number of depth offsets: up to the radius at which occlusion is looked for (M3T keeps 26)."""
     seed: int = 0
     """Of the choice of points."""
 

@@ -20,7 +20,7 @@ from multicam.geometry.mesh import Mesh
 from multicam.geometry.rasterizer import render_depth
 from tests.bundle.viewpoints.shapes import BOX, RADIUS, TUBE, ball, box, moved, open_box, torus
 
-CONFIG = ViewpointConfig(subdivisions=1, contour_points=80, surface_points=80)
+CONFIG = ViewpointConfig(subdivisions=1, contour_points=80, surface_points=80, offsets=26)
 MESHES = {
     "ball": ball(),
     "torus": torus(),

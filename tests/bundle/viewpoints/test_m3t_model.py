@@ -12,7 +12,7 @@ from multicam.bundle.viewpoints.model import ViewpointModel
 from multicam.geometry.mesh import Mesh, load_mesh
 from tests.bundle.m3t_files import M3tModel, read_model
 
-CONFIG = ViewpointConfig(subdivisions=2, distance=0.4, contour_points=1000, surface_points=1000)
+CONFIG = ViewpointConfig(subdivisions=2, distance=0.4, contour_points=1000, surface_points=1000, offsets=26)
 PIXEL = 0.00043
 """Metres that a pixel of M3T's pictures spans."""
 
