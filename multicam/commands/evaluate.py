@@ -40,6 +40,9 @@ from multicam.inference.session import SessionConfig
 from multicam.progress import Progress, RichProgress
 
 CONFIG = "evaluation.config.yaml"
+
+UNCERTAIN = "estimates_covariance.csv"
+"""The estimates of a network with the covariance of each."""
 """The resolved configuration, beside the figures of a split."""
 
 Stage = Literal["all", "network", "graph", "bundle"]
@@ -59,7 +62,8 @@ class EvaluateConfig:
     candidates: Path | None = None
     """Single-view estimates in BOP results format (CSV, or gzipped)."""
     network: Path | None = None
-    """Network file written by `multicam export`; it and PnP are run on the images, and estimates.csv is written."""
+    """Network file written by `multicam export`; it and PnP are run on the images, and estimates.csv is written,
+    as BOP has it, and estimates_covariance.csv, from which `multicam register` also learns how sure each one is."""
     dataset: Path | None = None
     """BOP data set of the candidates or for the network: models/ and splits."""
     split: str = "test"
@@ -170,5 +174,6 @@ def evaluate_dataset(config: EvaluateConfig, dataset: Path, folder: Path, progre
         subtitle[0] = f"Network {config.network}"
         errors = evaluate_split(records, by_image(rows), answers, PointSets(catalogue), selection, progress)
         write_results(folder / ESTIMATES, rows)
+        write_results(folder / UNCERTAIN, rows, covariances=True)
     save_config(config, folder / CONFIG)
     return report_split(folder, errors, subtitle, progress)

@@ -53,4 +53,4 @@ def _answer(recording: Recording, camera_id: str, im_id: int):
         labels[i], scores[i] = recording.catalogue.obj_ids.index(instance.obj_id), 0.9
         boxes[i] = letterbox.to_input(instance.box.reshape(2, 2)).reshape(4)
         keypoints[i] = letterbox.to_input(instance.keypoints)
-    return answer(labels.tolist(), scores.tolist(), boxes.tolist(), keypoints, std=0.3)
+    return answer(labels.tolist(), scores.tolist(), boxes.tolist(), keypoints, std=0.03)

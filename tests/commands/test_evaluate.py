@@ -11,7 +11,7 @@ import pytest
 from multicam import cli
 from multicam.commands.evaluate import EvaluateConfig
 from multicam.config import load_config
-from multicam.dataset.results import write_results
+from multicam.dataset.results import read_results, write_results
 from multicam.dataset.runs import AdjustmentResult, write_run
 from multicam.types import ObjectEstimate
 from tests.toy_recording import truthful_run
@@ -123,7 +123,10 @@ def test_a_network_is_run_on_a_split_and_judged(marked, tmp_path, capsys):
     assert tables["Keypoints"][-1]["median px"] < 0.1
     assert tables["Pose uncertainty"][-1]["inside 95 %"] == 100
     assert "Stated against true uncertainty" in (tmp_path / "evaluation.html").read_text()
-    # What was written is what the other mode reads.
+    # What was written is what the other mode reads, with and without covariances.
+    plain, sure = (read_results(tmp_path / name) for name in ("estimates.csv", "estimates_covariance.csv"))
+    assert {key: len(found) for key, found in plain.items()} == {key: len(found) for key, found in sure.items()}
+    assert all(estimate.covariance is not None for found in sure.values() for estimate in found)
     again = ("--candidates", str(tmp_path / "estimates.csv"), "--dataset", str(marked.recording))
     assert cli.run(["evaluate", *again, "--output", str(tmp_path / "again")]) == 0
     rows = json.loads((tmp_path / "again" / "evaluation.json").read_text())[0]["rows"]

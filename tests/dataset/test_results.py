@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -40,6 +41,59 @@ def test_estimates_come_back_as_they_were_written(
         for a, b in zip(estimates, expected, strict=True):
             assert (a.obj_id, a.score) == (b.obj_id, pytest.approx(b.score, abs=1e-6))
             assert_close(a.camera_from_object, b.camera_from_object, atol=2e-9)
+
+
+@given(st.lists(st.tuples(rows(), st.none() | st.integers(0, 1000)), max_size=5))
+def test_covariances_come_back_where_they_are_asked_for(
+    tmp_path_factory: pytest.TempPathFactory,
+    written: list[tuple[tuple[int, int, ObjectEstimate, float], int | None]],
+) -> None:
+    stated: list[tuple[int, int, ObjectEstimate, float]] = []
+    for (scene, image, estimate, seconds), seed in written:
+        covariance = None
+        if seed is not None:
+            root = np.random.default_rng(seed).normal(size=(6, 6)) * np.repeat([0.03, 0.005], 3)[:, None]
+            covariance = root @ root.T
+        stated.append((scene, image, replace(estimate, covariance=covariance), seconds))
+    folder = tmp_path_factory.getbasetemp()
+    write_results(folder / "uncertain.csv", stated, covariances=True)
+    write_results(folder / "plain.csv", stated)
+    assert all(e.covariance is None for found in read_results(folder / "plain.csv").values() for e in found)
+    for key, estimates in read_results(folder / "uncertain.csv").items():
+        expected = [e for scene, image, e, _ in stated if (scene, image) == key]
+        for a, b in zip(estimates, expected, strict=True):
+            assert_close(a.camera_from_object, b.camera_from_object, atol=2e-9)
+            assert (a.covariance is None) == (b.covariance is None)
+            if a.covariance is not None and b.covariance is not None:
+                assert_close(a.covariance, b.covariance, atol=1e-10)
+
+
+def test_a_covariance_reads_in_radians_and_millimetres(tmp_path: Path) -> None:
+    path = tmp_path / "results.csv"
+    numbers = np.zeros((6, 6))
+    numbers[0, 0], numbers[0, 5], numbers[5, 5] = 0.04, 0.3, 9.0
+    upper = " ".join(str(v) for v in numbers[np.triu_indices(6)])
+    path.write_text(f"{HEADER.strip()},covariance\n{ROW.strip()},{upper}\n")
+    (estimate,) = read_results(path)[1, 2]
+    assert estimate.covariance is not None
+    assert (estimate.covariance[0, 0], estimate.covariance[5, 5]) == (pytest.approx(0.04), pytest.approx(9e-6))
+    assert estimate.covariance[0, 5] == estimate.covariance[5, 0] == pytest.approx(3e-4)
+
+
+@pytest.mark.parametrize(
+    ("column", "expected"),
+    [
+        (",1 2 3", "a covariance has 21 finite numbers, got '1 2 3'"),
+        ("," + "nan " * 21, "a covariance has 21 finite numbers"),
+        ("", "8 columns are needed, got 7"),
+    ],
+)
+def test_a_faulty_covariance_is_refused_with_its_line(tmp_path: Path, column: str, expected: str) -> None:
+    path = tmp_path / "results.csv"
+    path.write_text(f"{HEADER.strip()},covariance\n{ROW.strip()},\n{ROW.strip()}{column}\n")
+    text = sentence(lambda: read_results(path))
+    assert text.startswith(f"{path}, line 3: ")
+    assert expected in text
 
 
 def test_a_row_reads_as_the_format_says(tmp_path: Path) -> None:
