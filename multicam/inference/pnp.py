@@ -48,6 +48,8 @@ class PnpConfig:
     """Reprojection error, pixels, always tolerated: of one keypoint as an inlier, of all for the pose."""
     max_error_fraction: float = 0.02
     """The same as a share of the object's extent in the image; the larger of the two counts."""
+    max_stated_fraction: float = 0.1
+    """Share of the extent up to which the error of all may also be as large as the network says (median deviation)."""
     min_inliers: int = 5
     """Keypoints that must agree; at least 4."""
     min_visible: float = 1.0
@@ -60,6 +62,8 @@ class PnpConfig:
             raise ValueError(f"min_inliers must be at least 4 to fix a pose; it is {self.min_inliers}")
         if min(self.std_floor, self.huber, self.inlier_sigma, self.max_error_px) <= 0:
             raise ValueError("std_floor, huber, inlier_sigma and max_error_px must be positive")
+        if self.max_stated_fraction < 0:
+            raise ValueError(f"max_stated_fraction is a share of the extent; it is {self.max_stated_fraction}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,7 +192,8 @@ def solve_pnp(
         return PnpRefusal("the keypoints that agree lie on one line of the object, which leaves its pose open")
     agreeing = np.zeros(total, dtype=np.bool_)
     agreeing[usable[inliers]] = True
-    return _describe(chosen, pose, agreeing, tolerance, config)
+    allowed = max(tolerance, min(uncertainty, config.max_stated_fraction * extent))
+    return _describe(chosen, pose, agreeing, allowed, config)
 
 
 def _robust_pose(problem: _Problem) -> FloatArray | None:
@@ -236,7 +241,7 @@ def _best(problem: _Problem, poses: FloatArray) -> FloatArray:
 
 
 def _describe(
-    problem: _Problem, pose: FloatArray, inliers: NDArray[np.bool_], tolerance: float, config: PnpConfig
+    problem: _Problem, pose: FloatArray, inliers: NDArray[np.bool_], allowed: float, config: PnpConfig
 ) -> PnpSolution | PnpRefusal:
     """Final fit of the inliers, its twin, its covariance and the gate on its error."""
     first, second = sorted(
@@ -245,8 +250,8 @@ def _describe(
     norms = problem.norms(first[0])
     chi2 = float(np.sum(norms**2))
     error_px = float(np.sqrt(2 * chi2 / np.sum(problem.std**-2.0)))
-    if error_px > tolerance:
-        return PnpRefusal(f"the reprojection error is {error_px:.1f} px; {tolerance:.1f} px are allowed")
+    if error_px > allowed:
+        return PnpRefusal(f"the reprojection error is {error_px:.1f} px; {allowed:.1f} px are allowed")
     chi2_per_dof = chi2 / (2 * len(norms) - 6)
     # A model that fits better than it claims is luck: the covariance is never deflated.
     inflation = max(1.0, chi2_per_dof) * _shared_errors(chi2_per_dof, len(norms))

@@ -279,10 +279,24 @@ def test_an_object_hidden_from_view_is_refused() -> None:
 
 def test_inaccurate_keypoints_are_refused_with_their_error() -> None:
     rng = np.random.default_rng(12)
-    pixels = picture(random_pose(rng), CUBE) + rng.normal(size=(8, 2)) * 12
+    pixels = picture(random_pose(rng), CUBE) + rng.normal(size=(8, 2)) * 16
     assert "reprojection error" in refused(solve(pixels, std=12.0))
+
+
+def test_keypoints_may_be_as_inaccurate_as_they_say_up_to_a_share_of_the_object() -> None:
+    rng = np.random.default_rng(13)
+    pose = np.eye(4)
+    pose[:3, 3] = [0.0, 0.0, 0.35]
+    pixels = picture(pose, CUBE) + rng.normal(size=(8, 2)) * 7
+    assert solved(pixels, std=10.0).error_px > 5
+    # Told to be exact, or small in the picture.
+    assert "reprojection error" in refused(solve(pixels, std=10.0, config=PnpConfig(max_stated_fraction=0.0)))
+    pose[2, 3] = 1.5
+    assert "reprojection error" in refused(solve(picture(pose, CUBE) + rng.normal(size=(8, 2)) * 10, std=10.0))
 
 
 def test_a_configuration_that_cannot_fix_a_pose_is_refused() -> None:
     with pytest.raises(ValueError, match="min_inliers"):
         PnpConfig(min_inliers=3)
+    with pytest.raises(ValueError, match="max_stated_fraction"):
+        PnpConfig(max_stated_fraction=-0.1)
