@@ -149,9 +149,11 @@ def with_background(image: ImageArray, alpha: FloatArray, background: ImageArray
     if not whole.any():
         return behind
     nearest = distance_transform_edt(~whole, return_distances=False, return_indices=True)
-    objects = image[tuple(nearest)].astype(np.float64)
-    mixed = behind + alpha[..., None] * (objects - behind)
-    return np.where(whole[..., None], image, np.rint(mixed).astype(np.uint8))
+    out = np.where(whole[..., None], image, behind)
+    edge = ~whole & (alpha > 0)
+    objects = image[tuple(nearest[:, edge])].astype(np.float64)
+    out[edge] = np.rint(behind[edge] + alpha[edge, None] * (objects - behind[edge]))
+    return out
 
 
 class Photometry:
