@@ -47,8 +47,10 @@ class DepthImage:
     @cached_property
     def packed(self) -> PackedDepth:
         """What compiled functions look at, of one type whoever made the picture: depth, blocks, matrix, pose."""
-        matrix, pose = self.camera.matrix, self.depth_from_camera
-        depth, blocks, matrix, pose = (np.require(each, None, "CW") for each in (self.depth, self.blocks, matrix, pose))
+        depth, blocks = (np.require(each, np.float32, ["C", "W"]) for each in (self.depth, self.blocks))
+        matrix, pose = (
+            np.require(each, np.float64, ["C", "W"]) for each in (self.camera.matrix, self.depth_from_camera)
+        )
         return depth, blocks, matrix, pose
 
 

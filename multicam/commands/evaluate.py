@@ -40,10 +40,10 @@ from multicam.inference.session import SessionConfig
 from multicam.progress import Progress, RichProgress
 
 CONFIG = "evaluation.config.yaml"
+"""The resolved configuration, beside the figures of a split."""
 
 UNCERTAIN = "estimates_covariance.csv"
 """The estimates of a network with the covariance of each."""
-"""The resolved configuration, beside the figures of a split."""
 
 Stage = Literal["all", "network", "graph", "bundle"]
 
