@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 from numba import njit
 
 
@@ -26,6 +27,16 @@ def projected(matrix, x, y, z):
         (matrix[0, 0] * x + matrix[0, 1] * y) / z + matrix[0, 2],
         (matrix[1, 0] * x + matrix[1, 1] * y) / z + matrix[1, 2],
     )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def unprojected(matrix):
+    """Rays (2, 3) with z = 1 of homogeneous pixels: the upper rows of the inverse of a camera matrix (3, 3)."""
+    a, b, c, d = matrix[0, 0], matrix[0, 1], matrix[1, 0], matrix[1, 1]
+    inverse = np.array([[d, -b, 0.0], [-c, a, 0.0]]) / (a * d - b * c)
+    for row in range(2):
+        inverse[row, 2] = -(inverse[row, 0] * matrix[0, 2] + inverse[row, 1] * matrix[1, 2])
+    return inverse
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

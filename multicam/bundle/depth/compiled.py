@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 
 from multicam.bundle.occlusion_compiled import find_visible
-from multicam.bundle.pixels import focal_length, inside, projected, transformed, window
+from multicam.bundle.pixels import focal_length, inside, projected, transformed, unprojected, window
 from multicam.bundle.viewpoints.compiled import closest_view
 from multicam.geometry.compiled import compose, inverse
 
@@ -53,7 +53,7 @@ def search_points(
 ):  # fmt: skip
     """Writes `pairs` of a view and returns how many there are; `seen` tells which may be looked for."""
     focal = focal_length(matrix)
-    unprojection = np.linalg.inv(matrix)
+    unprojection = unprojected(matrix)
     most = max(int(2 * radius / spacing + 0.5), 1)
     count = 0
     for i in range(len(point)):

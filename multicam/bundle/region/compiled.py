@@ -53,9 +53,9 @@ mean and variance of its posterior; weight in the energy; posterior of each shif
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def color_bin(color):
-    """Index of an RGB colour among 16 x 16 x 16."""
-    return (color[0] >> 4) << 8 | (color[1] >> 4) << 4 | color[2] >> 4
+def color_bin(image, row, column):
+    """Index of the RGB colour of a pixel among 16 x 16 x 16."""
+    return (image[row, column, 0] >> 4) << 8 | (image[row, column, 1] >> 4) << 4 | image[row, column, 2] >> 4
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -90,7 +90,7 @@ def count_colors(image, matrix, pose, point, normal, foreground, background, see
                 row = math.floor(v + sign * nv * (nearest + k / main) + 0.5)
                 if not (0 <= column < image.shape[1] and 0 <= row < image.shape[0]):
                     break
-                counts[side, color_bin(image[row, column])] += 1
+                counts[side, color_bin(image, row, column)] += 1
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -168,7 +168,7 @@ def read_segments(image, posterior, u, v, nu, nv, scale, on_object):
     for segment in range(SEGMENTS):
         a = b = 1.0
         for k in range(segment * scale, (segment + 1) * scale):
-            p = posterior[color_bin(image[math.floor(first + slope * k), start + k])]
+            p = posterior[color_bin(image, math.floor(first + slope * k), start + k)]
             a *= p
             b *= 1 - p
         place = segment if nu > 0 else SEGMENTS - 1 - segment
