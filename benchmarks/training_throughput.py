@@ -2,8 +2,9 @@
 
     python benchmarks/training_throughput.py --train configs/train/instruments.yaml
 
-Ours: the last stage with all six losses, the coordinate classifier, gradient clipping, AdamW and the moving average.
-YOLOX: `plain_yolox.py` with its losses, SGD with momentum, and the same moving average. Both get the same batches,
+Ours: the last stage with all six losses, the coordinate classifier, gradient clipping, the configuration's optimiser
+and the moving average. YOLOX: `plain_yolox.py` with its losses, SGD with momentum, and the same moving average. Both
+have plain convolutions and all strides, whatever the configuration asks for, and get the same batches,
 loaded beforehand, in channels_last and with the same arithmetic. The ratio is the median over pairs of neighbouring
 steps, so that other work on the machine hits both; that of the CPU time of the process hardly feels such work. Then the
 loader: what it gives, and whether the step waits for it.
@@ -123,7 +124,8 @@ def main() -> None:
     table = Table("size", "arithmetic", "M parameters", "GFLOP", "ours /s", "YOLOX /s", "ratio (quartiles)", "CPU time")
     for size in options.sizes:
         for precision in ("fp32", "bf16"):
-            network = replace(base.network, size=size, strides=(8, 16, 32))
+            # Plain convolutions and all strides, as the plain YOLOX has them.
+            network = replace(base.network, size=size, strides=(8, 16, 32), depthwise=False)
             config = replace(base, network=network, precision=precision, threads=options.threads)
             table.add_row(*compare(config, options.pairs))
     console = Console()

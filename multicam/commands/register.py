@@ -47,7 +47,8 @@ class RegisterConfig:
     dataset: Path
     """BOP data set: models_info.json (there or in models/), and camera matrices in SPLIT/*/scene_camera.json."""
     candidates: Path
-    """Single-view estimates in BOP results format (CSV, or gzipped)."""
+    """Single-view estimates in BOP results format (CSV, or gzipped), or with covariances, as `multicam evaluate
+    --network` writes them."""
     groups: Path
     """JSON file with the view groups."""
     output: Path

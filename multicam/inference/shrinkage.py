@@ -16,8 +16,8 @@ def undo_shrinkage(keypoints: FloatArray, std: FloatArray) -> FloatArray:
     s_x^2 + s_y^2 (law of total variance). All keypoints move away from c by the factor that restores the sum.
 
     Args:
-        keypoints: (k, 2) pixels; rows that are not finite stay as they are and count for nothing.
-        std: (k, 2) standard deviations, pixels.
+        keypoints: (k, 2) pixels.
+        std: (k, 2) standard deviations, pixels. Rows of either that are not finite count for nothing.
     """
     usable = np.isfinite(keypoints).all(axis=1) & np.isfinite(std).all(axis=1)
     if not usable.any():
