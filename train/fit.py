@@ -90,7 +90,8 @@ class Run:
         if group.processes > 1 and config.shared_norms:
             share_norms(self.detector)
         self.parameters = list(self.detector.parameters())
-        self.optimizer = build_optimizer(self.detector, config.optimizer, config.weight_decay)
+        half = config.precision == "bf16"
+        self.optimizer = build_optimizer(self.detector, config.optimizer, config.weight_decay, half)
         learnt = load_views(checkpoint, self.catalogue) if checkpoint and not is_published(checkpoint) else {}
         self.dataset, self.validation, self.objects = _datasets(config, self.catalogue, learnt, progress)
         self.sampler = EpochSampler(len(self.dataset), config.batch_size, config.seed, group.rank, group.processes)

@@ -31,10 +31,12 @@ class Muon(torch.optim.AdamW):
 
     Args:
         groups: Parameter groups for AdamW; those with `convolutions` (number of groups of each kernel) go by momentum.
+        half: Whether directions are found in bfloat16, as Jordan et al. do, which does for something so rough.
     """
 
-    def __init__(self, groups: Sequence[dict[str, Any]]) -> None:
+    def __init__(self, groups: Sequence[dict[str, Any]], half: bool = False) -> None:
         super().__init__([{"convolutions": (), **group} for group in groups], lr=0.0, fused=True)
+        self._type = torch.bfloat16 if half else torch.float32
 
     @torch.no_grad()
     def step(self, closure: Callable[[], Any] | None = None) -> None:  # pyright: ignore[reportIncompatibleMethodOverride]
@@ -60,7 +62,7 @@ class Muon(torch.optim.AdamW):
             matrices = ahead.reshape(count, kernel.shape[0] // count, -1)
             shapes[matrices.shape[1:]].append((kernel, matrices))
         for (rows, columns), pairs in shapes.items():
-            updates = orthogonalized(torch.cat([matrices for _, matrices in pairs]))
+            updates = orthogonalized(torch.cat([matrices for _, matrices in pairs]).to(self._type)).float()
             size = _RMS * math.sqrt(max(rows, columns))
             for (kernel, _), update in zip(pairs, updates.split([len(m) for _, m in pairs]), strict=True):
                 kernel.mul_(1 - group["lr"] * group["weight_decay"])
@@ -71,7 +73,7 @@ def orthogonalized(matrices: Tensor) -> Tensor:
     """The nearest matrices with orthonormal rows or columns, roughly: their singular values lie between 0.7 and 1.2.
 
     Args:
-        matrices: (..., M, N).
+        matrices: (..., M, N), in whose precision it is computed.
     """
     tall = matrices.shape[-2] > matrices.shape[-1]
     x = matrices.mT if tall else matrices
@@ -83,11 +85,13 @@ def orthogonalized(matrices: Tensor) -> Tensor:
     return x.mT if tall else x
 
 
-def build_optimizer(model: nn.Module, name: OptimizerName, weight_decay: float) -> torch.optim.Optimizer:
+def build_optimizer(
+    model: nn.Module, name: OptimizerName, weight_decay: float, half: bool = False
+) -> torch.optim.Optimizer:
     """AdamW, or Muon, whose decay leaves alone all that is no matrix or kernel.
 
     Muon takes the kernels that a normalisation follows, which have no bias, but for those within single channels, which
-    are no matrices.
+    are no matrices. `half`: see Muon.
     """
     convolutions = [m for m in model.modules() if name == "muon" and isinstance(m, nn.Conv2d) and m.bias is None]
     kernels = {m.weight: m.groups for m in convolutions if m.groups < m.out_channels}
@@ -99,7 +103,7 @@ def build_optimizer(model: nn.Module, name: OptimizerName, weight_decay: float) 
     if name == "adamw":
         return torch.optim.AdamW(groups, lr=0.0, fused=True)
     orthogonal = {"params": list(kernels), "weight_decay": weight_decay, "convolutions": tuple(kernels.values())}
-    return Muon([*groups, orthogonal])
+    return Muon([*groups, orthogonal], half)
 
 
 def learning_rate(stages: StagesConfig, steps_per_epoch: int, warmup_steps: int, step: int) -> float:

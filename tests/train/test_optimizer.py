@@ -54,16 +54,19 @@ def test_the_average_moves_by_its_decay_and_takes_buffers_along() -> None:
     assert not any(p.requires_grad for p in average.model.parameters())
 
 
+@pytest.mark.parametrize(("kind", "atol"), [(torch.float32, 1e-4), (torch.bfloat16, 0.05)])
 @pytest.mark.parametrize("shape", [(3, 6, 20), (20, 6), (5, 5)])
-def test_orthogonalized_matrices_keep_their_directions_and_lose_their_sizes(shape: tuple[int, ...]) -> None:
+def test_orthogonalized_matrices_keep_their_directions_and_lose_their_sizes(
+    shape: tuple[int, ...], kind: torch.dtype, atol: float
+) -> None:
     torch.manual_seed(0)
     rank = min(shape[-2:])
     exact = torch.linalg.svd(torch.randn(shape), full_matrices=False)
     matrices = exact.U * torch.logspace(1, -0.5, rank) @ exact.Vh
-    along = exact.U.mT @ orthogonalized(matrices) @ exact.Vh.mT
+    along = exact.U.mT @ orthogonalized(matrices.to(kind)).float() @ exact.Vh.mT
     sizes = along.diagonal(dim1=-2, dim2=-1)
     assert (sizes > 0.65).all() and (sizes < 1.25).all()
-    assert torch.allclose(along, torch.diag_embed(sizes), atol=1e-4)
+    assert torch.allclose(along, torch.diag_embed(sizes), atol=atol)
 
 
 def test_muon_takes_kernels_that_are_matrices_and_leaves_the_rest_to_adamw() -> None:
@@ -86,13 +89,13 @@ class _Groups(nn.Module):
         self.conv = nn.Conv2d(8, 12, size, groups=groups, bias=False)
 
 
-@pytest.mark.parametrize(("groups", "size"), [(1, 3), (2, 3), (1, 1), (2, 1)])
+@pytest.mark.parametrize(("groups", "size", "half"), [(1, 3, False), (2, 3, True), (1, 1, True), (2, 1, False)])
 def test_a_step_of_muon_is_orthogonal_in_each_group_as_large_as_one_of_adamw_and_forgets_the_past(
-    groups: int, size: int
+    groups: int, size: int, half: bool
 ) -> None:
     torch.manual_seed(0)
     module = _Groups(groups, size).to(memory_format=torch.channels_last)
-    optimizer = build_optimizer(module, "muon", 0.5)
+    optimizer = build_optimizer(module, "muon", 0.5, half)
     for group in optimizer.param_groups:
         group["lr"] = 0.1
     before = module.conv.weight.detach().clone()
