@@ -277,8 +277,9 @@ class TrainConfig:
     validate_every: int = 5
     """Epochs between validations; the last epoch always ends with one."""
     initial: Path | None = None
-    """What to begin with: a checkpoint of another training, of other classes maybe (layers of other shapes, as those of
-    the classes, begin as in any training), or a YOLOX of the same size as its authors publish it (yolox_nano.onnx)."""
+    """What to begin with: a checkpoint of another training or an exported network, of other classes maybe (layers of
+    other shapes, as those of the classes, begin as in any training), or a YOLOX of the same size as its authors publish
+    it (yolox_nano.onnx)."""
     seed: int = 0
     """Of the first weights, the order and the augmentation."""
     precision: Literal["fp32", "bf16"] = "fp32"

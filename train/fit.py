@@ -25,9 +25,11 @@ from train.checkpoint import RunState, find_checkpoint, load_views, restore, sav
 from train.config import WINDOWS, StageConfig, TrainConfig
 from train.criterion import criterion, total
 from train.distributed import Group, StopSignal, process_group
+from train.exported import take_exported
+from train.folded import NetworkFile, is_network_file
 from train.loader import Batch, EpochSampler, TrainingSet, ValidationSet, collate, training_loader
 from train.optimizer import MovingAverage, build_optimizer, learning_rate
-from train.published import is_published, take_published
+from train.published import take_published
 from train.samples import PictureStore, TrainedObject, prepare_objects, read_records
 from train.shared_norm import share_norms
 from train.validate import figures, is_better, predict
@@ -36,7 +38,7 @@ LOG_EVERY = 20
 """Steps between points in TensorBoard."""
 
 _CALIBRATION = 16
-"""Pictures from which the normalisations of a published network get their statistics."""
+"""Pictures from which the normalisations of a network file get their statistics."""
 
 log = logging.getLogger(__name__)
 
@@ -92,15 +94,17 @@ class Run:
         self.parameters = list(self.detector.parameters())
         half = config.precision == "bf16"
         self.optimizer = build_optimizer(self.detector, config.optimizer, config.weight_decay, half)
-        learnt = load_views(checkpoint, self.catalogue) if checkpoint and not is_published(checkpoint) else {}
+        learnt = load_views(checkpoint, self.catalogue) if checkpoint and not is_network_file(checkpoint) else {}
         self.dataset, self.validation, self.objects = _datasets(config, self.catalogue, learnt, progress)
         self.sampler = EpochSampler(len(self.dataset), config.batch_size, config.seed, group.rank, group.processes)
         self.state = RunState(0, 0, config.network.input_width, config.network.input_height)
 
     def begin_with(self, path: Path) -> None:
-        """Takes over the weights of another training, see `take_over`, or those that `take_published` reads."""
-        if is_published(path):
-            fresh = take_published(path, self.detector, self._first_pictures())
+        """Takes over weights: of a checkpoint, of a network that was exported, or of a published YOLOX."""
+        if is_network_file(path):
+            file = NetworkFile.read(path)
+            take = take_exported if file.exported else take_published
+            fresh = take(file, self.detector, self._first_pictures())
         else:
             fresh = take_over(path, self.detector)
         self.average.model.load_state_dict(self.detector.state_dict())

@@ -37,6 +37,8 @@ from train.choices import (
     input_sizes,
 )
 from train.config import TrainConfig
+from train.exported import exported_size
+from train.folded import NetworkFile
 from train.published import published_size
 from train.samples import project, read_records
 
@@ -59,8 +61,9 @@ class NewConfig:
     data: Path | None = None
     """Data set folder with the splits train and val; DATA of MODELS = DATA/models if left out. It may be empty yet."""
     initial: Path | None = None
-    """Published YOLOX to begin with, yolox_nano.onnx and so on (docs/training.md says where from); its size is taken.
-    What it has seen need not be learnt again, which takes a CPU hours."""
+    """Network file to begin with, whose size is taken: one that `multicam export` wrote, or a published YOLOX,
+    yolox_nano.onnx and so on (docs/training.md says where from). What it has seen need not be learnt again, which takes
+    a CPU hours."""
     output: Path = Path("train.yaml")
     """Configuration to write; never overwritten."""
 
@@ -199,7 +202,8 @@ def compose(config: NewConfig, data: Path, catalogue: Catalogue, pictures: Pictu
 def _network(config: NewConfig, classes: int, machine: Machine) -> tuple[Size, bool, str]:
     """Size, whether convolutions are depthwise, and why."""
     if config.initial:
-        size, depthwise = published_size(config.initial)
+        file = NetworkFile.read(config.initial)
+        size, depthwise = exported_size(file) if file.exported else published_size(file)
         return size, depthwise, f"{size}: that of {config.initial.name}."
     size, why = choose_size(classes, machine)
     return size, False, why

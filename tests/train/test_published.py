@@ -20,6 +20,7 @@ from tests.train.toy_pictures import write_toy_dataset
 from train.cli import main
 from train.config import TrainConfig
 from train.fit import fit
+from train.folded import NetworkFile
 from train.published import published_size, take_published
 
 SIZES = {
@@ -80,7 +81,7 @@ def test_backbone_and_neck_compute_what_the_published_network_computes(name: str
     size = SIZES[name]
     yolox = publish(tmp_path / "yolox.onnx", size)
     detector = build(size, seed=2)
-    fresh = take_published(tmp_path / "yolox.onnx", detector, pictures(3))
+    fresh = take_published(NetworkFile.read(tmp_path / "yolox.onnx"), detector, pictures(3))
     assert detector.training
     detector.eval()
     if name == "hybrid":
@@ -102,7 +103,7 @@ def test_backbone_and_neck_compute_what_the_published_network_computes(name: str
 
 def test_a_published_network_goes_on_learning_without_a_jolt(nano: Path) -> None:
     detector, images = build(SIZES["nano"], seed=2), pictures(3)
-    take_published(nano, detector, images)
+    take_published(NetworkFile.read(nano), detector, images)
     with torch.no_grad():
         still = detector.eval().backbone((images - 114) / 64)
         learning = detector.train().backbone((images - 114) / 64)
@@ -116,17 +117,17 @@ def test_another_size_is_refused_and_nothing_is_taken(ours: ModelConfig, nano: P
     detector = build(ours)
     before = {name: tensor.clone() for name, tensor in detector.state_dict().items()}
     with pytest.raises(ModelError, match=r"yolox_nano\.onnx holds a nano network; .*network\.depthwise: true, not"):
-        take_published(nano, detector, pictures(3))
+        take_published(NetworkFile.read(nano), detector, pictures(3))
     assert all(torch.equal(before[name], tensor) for name, tensor in detector.state_dict().items())
 
 
 def test_what_is_no_network_is_named(tmp_path: Path) -> None:
     path = tmp_path / "yolox_nano.onnx"
     with pytest.raises(DataError, match=r"yolox_nano\.onnx"):
-        take_published(path, build(SIZES["nano"]), pictures(3))
+        take_published(NetworkFile.read(path), build(SIZES["nano"]), pictures(3))
     path.write_bytes(b"<!doctype html> not found")
-    with pytest.raises(DataError, match=r"yolox_nano\.onnx is no ONNX file of a YOLOX.*download"):
-        take_published(path, build(SIZES["nano"]), pictures(3))
+    with pytest.raises(DataError, match=r"yolox_nano\.onnx is no ONNX file .*download"):
+        take_published(NetworkFile.read(path), build(SIZES["nano"]), pictures(3))
 
 
 def test_another_kind_of_network_is_refused(nano: Path, tmp_path: Path) -> None:
@@ -138,7 +139,7 @@ def test_another_kind_of_network_is_refused(nano: Path, tmp_path: Path) -> None:
         changed.graph.node.remove(convolutions[k])
         onnx.save(changed, tmp_path / "other.onnx")
         with pytest.raises(DataError, match=rf"other\.onnx is no ONNX file of a YOLOX.*{what}"):
-            take_published(tmp_path / "other.onnx", build(SIZES["nano"]), pictures(3))
+            take_published(NetworkFile.read(tmp_path / "other.onnx"), build(SIZES["nano"]), pictures(3))
 
 
 def test_a_training_begins_with_a_published_network(config: TrainConfig, nano: Path, tmp_path: Path) -> None:
@@ -159,4 +160,4 @@ def test_a_new_configuration_takes_the_size_of_the_published_network(nano: Path,
     main(["new", "--models", str(tmp_path / "models"), "--initial", str(nano), "--output", str(file)])
     config = load_config(TrainConfig, file)
     assert config.initial == nano and (config.network.size, config.network.depthwise) == ("nano", True)
-    assert published_size(nano) == ("nano", True)
+    assert published_size(NetworkFile.read(nano)) == ("nano", True)
