@@ -26,17 +26,20 @@ def exported_size(file: NetworkFile) -> tuple[Size, bool]:
     Raises:
         ModelError: it is not in single precision.
     """
+    assert file.metadata is not None, "exported files have metadata"
+    if file.metadata.precision != "fp32":
+        raise ModelError(
+            f"{file.path} holds numbers of {file.metadata.precision}; export the network again with --precision fp32."
+        )
     sizes = {ModelConfig(1, size).stem_channels: size for size in get_args(Size)}
-    stem = file.tensors.get(f"{_PREFIX}backbone.stem.conv.weight")
-    if stem is None or stem.dtype != torch.float32:
-        raise ModelError(f"{file.path} is not in single precision; export it again with --precision fp32.")
-    return sizes[len(stem)], any(".within." in name for name in file.tensors)
+    return sizes[len(file.tensors[f"{_PREFIX}backbone.stem.conv.weight"])], any(
+        ".within." in name for name in file.tensors
+    )
 
 
 @torch.no_grad()
 def take_exported(file: NetworkFile, detector: Detector, images: Tensor) -> list[str]:
-    """Gives a fresh network the weights of an exported one that fit; of a hybrid neck's attention they have lost their
-    names.
+    """Gives a fresh network all weights of an exported one that fit, but for a hybrid neck's attention.
 
     Args:
         file: as `multicam export` writes it, in single precision.
@@ -50,9 +53,8 @@ def take_exported(file: NetworkFile, detector: Detector, images: Tensor) -> list
         ModelError: less than half of the network's numbers are in it, or not in single precision.
     """
     size, _ = exported_size(file)
-    theirs = {name.removeprefix(_PREFIX): t for name, t in file.tensors.items() if name.startswith(_PREFIX)} | _mix(
-        file
-    )
+    theirs = {name.removeprefix(_PREFIX): t for name, t in file.tensors.items() if name.startswith(_PREFIX)}
+    theirs |= _mix(file)
     state = detector.state_dict(keep_vars=True)
 
     def kernel(weight: str, bias: str) -> Kernel | None:
@@ -94,7 +96,7 @@ def _mix(file: NetworkFile) -> dict[str, Tensor]:
         names = [name for node in file.nodes for name in node.input if node.op_type == operator]
         return [file.tensors[n] for n in names if n in file.tensors and n.startswith(prefix)]
 
-    # Before those of the classifier come those of a hybrid neck.
+    # Before those of the classifier come those of a hybrid neck's attention, too many to be told apart.
     turned = constants("MatMul", "val_")[-2:]
     scales, shifts = constants("Mul", "select"), constants("Add", "select")
     if [len(found) for found in (turned, scales, shifts)] != [2, 2, 2]:

@@ -103,7 +103,7 @@ class Run:
         """Takes over weights: of a checkpoint, of a network that was exported, or of a published YOLOX."""
         if is_network_file(path):
             file = NetworkFile.read(path)
-            take = take_exported if file.exported else take_published
+            take = take_exported if file.metadata else take_published
             fresh = take(file, self.detector, self._first_pictures())
         else:
             fresh = take_over(path, self.detector)

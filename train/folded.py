@@ -21,12 +21,13 @@ from models.blocks import ConvBlock
 from models.detector import Detector
 from multicam.errors import DataError
 from multicam.files import require_file
+from multicam.inference.metadata import NetworkMetadata
 from multicam.inference.session import METADATA_KEY
 
 Kernel = tuple[Tensor, Tensor]
 """Weight (outputs, inputs / groups, height, width), or (outputs, inputs), and bias (outputs,)."""
 
-ROWS = 10
+_ROWS = 10
 """Best cells of each picture, about its objects, that give the statistics of the coordinate classifier."""
 
 
@@ -41,13 +42,13 @@ class NetworkFile:
 
     Attributes:
         tensors: its constants by name, in their order.
-        exported: whether `multicam export` wrote it.
+        metadata: what `multicam export` says of a file that it wrote.
     """
 
     path: Path
     nodes: tuple[onnx.NodeProto, ...]
     tensors: dict[str, Tensor]
-    exported: bool
+    metadata: NetworkMetadata | None
 
     @classmethod
     def read(cls, path: Path) -> NetworkFile:
@@ -55,6 +56,7 @@ class NetworkFile:
 
         Raises:
             DataError: no such file, or no ONNX file.
+            ModelError: what it says of itself is damaged.
         """
         require_file(path, "ONNX file to begin with")
         try:
@@ -62,8 +64,9 @@ class NetworkFile:
         except DecodeError as error:
             raise DataError(f"{path} is no ONNX file ({error}); download or export it again.") from error
         tensors = {t.name: torch.from_numpy(numpy_helper.to_array(t).copy()) for t in model.graph.initializer}
-        exported = any(entry.key == METADATA_KEY for entry in model.metadata_props)
-        return cls(path, tuple(model.graph.node), tensors, exported)
+        text = {entry.key: entry.value for entry in model.metadata_props}.get(METADATA_KEY)
+        metadata = None if text is None else NetworkMetadata.from_json(text, str(path))
+        return cls(path, tuple(model.graph.node), tensors, metadata)
 
 
 @torch.no_grad()
@@ -86,7 +89,7 @@ def unfold(detector: Detector, images: Tensor, blocks: Mapping[ConvBlock, Kernel
     ]
     training = detector.training
     raw = detector.eval()(images.float())
-    detector.decode(raw, ROWS)
+    detector.decode(raw, _ROWS)
     detector.train(training)
     for hook in hooks:
         hook.remove()

@@ -203,7 +203,7 @@ def _network(config: NewConfig, classes: int, machine: Machine) -> tuple[Size, b
     """Size, whether convolutions are depthwise, and why."""
     if config.initial:
         file = NetworkFile.read(config.initial)
-        size, depthwise = exported_size(file) if file.exported else published_size(file)
+        size, depthwise = exported_size(file) if file.metadata else published_size(file)
         return size, depthwise, f"{size}: that of {config.initial.name}."
     size, why = choose_size(classes, machine)
     return size, False, why
