@@ -11,7 +11,7 @@ from rich.console import Console
 
 from multicam.commands.candidates import read_candidates
 from multicam.commands.evaluate_split import PAGE, ask_network, by_image, limited, report_split
-from multicam.commands.run import ESTIMATES, RESULTS, write_report
+from multicam.commands.run import ESTIMATES, RESULTS, UNCERTAIN, write_report
 from multicam.config import parse_command, save_config
 from multicam.dataset.objects import load_catalogue
 from multicam.dataset.results import Estimates, read_results, write_results
@@ -41,9 +41,6 @@ from multicam.progress import Progress, RichProgress
 
 CONFIG = "evaluation.config.yaml"
 """The resolved configuration, beside the figures of a split."""
-
-UNCERTAIN = "estimates_covariance.csv"
-"""The estimates of a network with the covariance of each."""
 
 Stage = Literal["all", "network", "graph", "bundle"]
 

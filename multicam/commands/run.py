@@ -34,6 +34,9 @@ from multicam.visualization.viewer import Viewer
 RESULTS, ESTIMATES, CONFIG = "results.json", "estimates.csv", "config.yaml"
 """Files of a run's folder, beside overlays/, top_view.png and report.html."""
 
+UNCERTAIN = "estimates_covariance.csv"
+"""The same estimates with the covariance of each, which BOP's files do not hold."""
+
 Estimate = Callable[[Sequence[Frame]], tuple[list[tuple[ObjectEstimate, ...]], dict[str, float]]]
 """Frames of one step to the objects of each, and the seconds taken by stage."""
 
@@ -51,7 +54,8 @@ class RunConfig:
     network: Path = Path("runs/train/network.onnx")
     """Network file written by `multicam export`."""
     output: Path = Path("runs/run")
-    """Folder for results.json, estimates.csv, overlays and report.html; files of an earlier run are replaced."""
+    """Folder for results.json, estimates.csv, estimates_covariance.csv, overlays and report.html; files of an earlier
+    run are replaced."""
     tolerance_ms: float = 20.0
     """Pictures of different cameras that are closer in time than this make one step."""
     view: bool = False
@@ -140,6 +144,7 @@ def run_recording(
     clear_overlays(config.output)
     save_config(config, config.output / CONFIG)
     write_results(config.output / ESTIMATES, estimates.rows)
+    write_results(config.output / UNCERTAIN, estimates.rows, covariances=True)
     write_run(config.output / RESULTS, outcome)
     if interrupted:
         raise KeyboardInterrupt

@@ -95,6 +95,9 @@ def test_everything_promised_is_written(finished, marked):
     truths = {i.obj_id: i.camera_from_object for i in recording.record(LEFT, 3).instances}
     for estimate in estimates[1, 3]:
         np.testing.assert_allclose(estimate.camera_from_object[:3, 3], truths[estimate.obj_id][:3, 3], atol=2e-3)
+    sure = read_results(finished / "estimates_covariance.csv")
+    assert estimates.keys() == sure.keys()
+    assert all(estimate.covariance is not None for found in sure.values() for estimate in found)
 
 
 def test_ctrl_c_keeps_what_was_computed(toy_recording, tmp_path, capsys):
