@@ -24,17 +24,11 @@ def exported_size(file: NetworkFile) -> tuple[Size, bool]:
     """Size of an exported network, and whether its convolutions are depthwise.
 
     Raises:
-        ModelError: it is not in single precision.
+        ModelError: its numbers have 8 bits.
     """
-    assert file.metadata is not None, "exported files have metadata"
-    if file.metadata.precision != "fp32":
-        raise ModelError(
-            f"{file.path} holds numbers of {file.metadata.precision}; export the network again with --precision fp32."
-        )
+    theirs = _weights(file)
     sizes = {ModelConfig(1, size).stem_channels: size for size in get_args(Size)}
-    return sizes[len(file.tensors[f"{_PREFIX}backbone.stem.conv.weight"])], any(
-        ".within." in name for name in file.tensors
-    )
+    return sizes[len(theirs["backbone.stem.conv.weight"])], any(".within." in name for name in theirs)
 
 
 @torch.no_grad()
@@ -42,7 +36,7 @@ def take_exported(file: NetworkFile, detector: Detector, images: Tensor) -> list
     """Gives a fresh network all weights of an exported one that fit, but for a hybrid neck's attention.
 
     Args:
-        file: as `multicam export` writes it, in single precision.
+        file: as `multicam export` writes it, in single or half precision.
         detector: freshly built.
         images: (B, 3, H, W) pictures as training shows them, for the statistics of the normalisations.
 
@@ -50,11 +44,10 @@ def take_exported(file: NetworkFile, detector: Detector, images: Tensor) -> list
         Names of the tensors that stay as they were, for those of the file have other shapes or are not there.
 
     Raises:
-        ModelError: less than half of the network's numbers are in it, or not in single precision.
+        ModelError: less than half of the network's numbers are in it, or they have 8 bits.
     """
     size, _ = exported_size(file)
-    theirs = {name.removeprefix(_PREFIX): t for name, t in file.tensors.items() if name.startswith(_PREFIX)}
-    theirs |= _mix(file)
+    theirs = _weights(file) | _mix(file)
     state = detector.state_dict(keep_vars=True)
 
     def kernel(weight: str, bias: str) -> Kernel | None:
@@ -86,6 +79,18 @@ def take_exported(file: NetworkFile, detector: Detector, images: Tensor) -> list
             nn.init.zeros_(module.narrow.norm.weight)
     unfold(detector, images, blocks, features)
     return [name for name, tensor in state.items() if id(tensor) not in taken]
+
+
+def _weights(file: NetworkFile) -> dict[str, Tensor]:
+    """Single-precision weights by the names of their parameters, those that the exporter renames apart."""
+    assert file.metadata is not None, "exported files have metadata"
+    if file.metadata.precision == "int8":
+        raise ModelError(
+            f"{file.path} holds numbers of 8 bits; export the network again with --precision fp32 or fp16."
+        )
+    named = {name.removeprefix(_PREFIX): t for name, t in file.tensors.items() if name.startswith(_PREFIX)}
+    # Halves are wrapped (export.half).
+    return {name.replace(".inner.", "."): tensor.float() for name, tensor in named.items()}
 
 
 def _mix(file: NetworkFile) -> dict[str, Tensor]:

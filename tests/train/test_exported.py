@@ -9,6 +9,7 @@ import pytest
 import torch
 from torch import Tensor
 
+from export.half import halved
 from export.to_onnx import write_onnx
 from export.wrapper import DeployDetector
 from models.config import ModelConfig
@@ -78,6 +79,18 @@ def test_it_computes_what_the_exported_network_computes(kind: str, tmp_path: Pat
     assert detector.backbone.stem.conv.weight.grad is not None
 
 
+def test_halves_will_do(nano: NetworkFile, tmp_path: Path) -> None:
+    metadata = NetworkMetadata(tuple(toy_catalogue().objects.values()), WIDTH, HEIGHT, "CC0-1.0", precision="fp16")
+    write_onnx(halved(DeployDetector(lively_detector(KINDS["nano"], seed=1), 10)), metadata, tmp_path / "half.onnx")
+    whole, half = build(KINDS["nano"]), build(KINDS["nano"])
+    take_exported(nano, whole, images(3))
+    assert not take_exported(NetworkFile.read(tmp_path / "half.onnx"), half, images(3))
+    theirs = half.state_dict()
+    for name, weight in whole.named_parameters():
+        assert theirs[name].dtype == torch.float32
+        assert (theirs[name] - weight).abs().max() <= 5e-3 * weight.abs().max().clamp(min=1e-3), name
+
+
 def test_layers_of_other_classes_begin_anew(nano: NetworkFile) -> None:
     fresh = take_exported(nano, build(replace(KINDS["nano"], num_classes=CLASSES + 1)), images(3))
     assert fresh == [f"head.levels.{level}.classes.2.{part}" for level in (0, 1) for part in ("weight", "bias")]
@@ -95,7 +108,7 @@ def test_smaller_and_damaged_files_are_refused(nano: NetworkFile, tmp_path: Path
     path, model = tmp_path / "network.onnx", onnx.load(nano.path)
     onnx.helper.set_model_props(model, {METADATA_KEY: replace(nano.metadata, precision="int8").to_json()})
     onnx.save(model, path)
-    with pytest.raises(ModelError, match=r"holds numbers of int8; .*--precision fp32"):
+    with pytest.raises(ModelError, match=r"holds numbers of 8 bits; .*--precision fp32"):
         take_exported(NetworkFile.read(path), build(KINDS["nano"]), images(3))
     path.write_bytes(path.read_bytes()[:5000])
     with pytest.raises(DataError, match=r"network\.onnx is no ONNX file"):
