@@ -69,7 +69,7 @@ def walk(recording: Recording, config: RunConfig) -> tuple[float, list[float], l
     """Share of steps with the network, errors (mm), milliseconds of following, poses that were missing."""
     asked: list[int] = []
     helpers = load_helpers(recording, config, RichProgress())
-    steps = Steps(recording, counted(stand_in(recording), asked), recording.catalogue, config, *helpers)
+    steps = Steps(recording, counted(stand_in(recording), asked), recording.catalogue, config, helpers)
     known = Truth(recording)
     errors, times, missing = [], [], 0
     for result, frames, _ in steps:
@@ -104,7 +104,8 @@ def main() -> None:
 
 def row(recordings: Sequence[Recording], adjusted: bool, every: int) -> list[str]:
     """Figures over all recordings."""
-    base = RunConfig(output=Path(tempfile.gettempdir()), follow=FollowConfig(every=every))
+    # Without fits, which would hide what following loses.
+    base = RunConfig(output=Path(tempfile.gettempdir()), fit=FitConfig(enabled=False), follow=FollowConfig(every=every))
     bundle = replace(base.pipeline.bundle, enabled=adjusted)
     config = replace(base, pipeline=replace(base.pipeline, bundle=bundle))
     walks = [walk(each, config) for each in recordings]

@@ -21,6 +21,7 @@ from multicam.dataset.sequence import Recording, group_by_time, load_recording
 from multicam.errors import ConfigError, DataError, ModelError
 from multicam.evaluation.run_error import RunErrors
 from multicam.evaluation.tables import statements
+from multicam.fitter import FitConfig, Fitter
 from multicam.follower import FollowConfig, Follower
 from multicam.inference.estimator import Estimator, EstimatorConfig
 from multicam.inference.session import Network, SessionConfig
@@ -66,6 +67,8 @@ class RunConfig:
     """Where the network runs."""
     estimator: EstimatorConfig = field(default_factory=EstimatorConfig)
     """From pixels to object poses in one camera."""
+    fit: FitConfig = field(default_factory=FitConfig)
+    """The network's poses, brought to what depth shows in cameras that measure it."""
     follow: FollowConfig = field(default_factory=FollowConfig)
     """Steps at which the network need not look."""
     pipeline: PipelineConfig = field(default_factory=PipelineConfig)
@@ -124,7 +127,7 @@ def run_recording(
     watch: Watch | None = None,
 ) -> RunResult:
     """The part of `run` after the network has been opened; `estimate` is the network or stands in for it."""
-    steps = Steps(recording, estimate, catalogue, config, *load_helpers(recording, config, progress))
+    steps = Steps(recording, estimate, catalogue, config, load_helpers(recording, config, progress))
     estimates = _Collected(recording)
     interrupted = False
     done: list[StepResult] = []
@@ -161,6 +164,21 @@ def write_report(
     return write_page(folder, outcome, recording, errors, subtitle, progress)
 
 
+@dataclass(frozen=True, eq=False)
+class Helpers:
+    """What looks at pictures beside the network; None where it is left out.
+
+    Attributes:
+        adjuster: bundle adjustment of cameras and objects.
+        fitter: brings single estimates to measured depth.
+        follower: stands in for the network.
+    """
+
+    adjuster: Adjuster | None
+    fitter: Fitter | None
+    follower: Follower | None
+
+
 class Steps:
     """The steps of a recording, computed one by one as they are asked for; no more than one is in memory."""
 
@@ -170,8 +188,7 @@ class Steps:
         estimate: Estimate,
         catalogue: Catalogue,
         config: RunConfig,
-        adjuster: Adjuster | None,
-        follower: Follower | None,
+        helpers: Helpers,
     ) -> None:
         """Looks at the cameras.
 
@@ -191,7 +208,7 @@ class Steps:
             raise DataError(f"{recording.folder} holds no pictures: its sequence.json lists no frames.")
         self._recording, self._estimate = recording, estimate
         self._catalogue, self._config = catalogue, config
-        self._adjuster, self._follower = adjuster, follower
+        self._helpers = helpers
 
     def __len__(self) -> int:
         return self._count
@@ -199,44 +216,49 @@ class Steps:
     def __iter__(self) -> Iterator[tuple[StepResult, tuple[Frame, ...], list[tuple[ObjectEstimate, ...]]]]:
         statics = [c.camera_id for c in self._recording.cameras if not c.moving]
         graph = pipeline.start(self.headset, statics, self._config.pipeline)
+        adjuster, follower = self._helpers.adjuster, self._helpers.follower
         for frame_set in self._recording.frame_sets(self._tolerance_ns):
             frames = frame_set.frames
             found, seconds, detected = self._look(frames)
-            graph, result = pipeline.step(
-                graph, frame_set, found, self._catalogue, self._config.pipeline, self._adjuster
-            )
-            if self._follower is not None:
+            graph, result = pipeline.step(graph, frame_set, found, self._catalogue, self._config.pipeline, adjuster)
+            if follower is not None:
                 began = time.perf_counter()
-                self._follower.learn(frames, result, detected)
+                follower.learn(frames, result, detected)
                 seconds["follow"] += time.perf_counter() - began
             yield result.with_seconds(**seconds), frames, found
 
     def _look(self, frames: Sequence[Frame]) -> tuple[list[tuple[ObjectEstimate, ...]], dict[str, float], bool]:
         """The objects of each frame, the seconds it took by stage, and whether the network was asked."""
         seconds: dict[str, float] = {}
-        if self._follower is not None:
+        if self._helpers.follower is not None:
             began = time.perf_counter()
-            followed = self._follower.look(frames)
+            followed = self._helpers.follower.look(frames)
             seconds["follow"] = time.perf_counter() - began
             if followed is not None:
                 return followed, seconds, False
         found, took = self._estimate(frames)
+        if self._helpers.fitter is not None:
+            began = time.perf_counter()
+            found = self._helpers.fitter.fit(frames, found)
+            seconds["fit"] = time.perf_counter() - began
         return found, took | seconds, True
 
 
-def load_helpers(
-    recording: Recording, config: RunConfig, progress: Progress
-) -> tuple[Adjuster | None, Follower | None]:
-    """Bundle adjustment, unless it is left out or no camera measures depth; and what follows objects, if asked for.
+def load_helpers(recording: Recording, config: RunConfig, progress: Progress) -> Helpers:
+    """What a run of a recording needs.
 
     Raises:
         DataError: a mesh cannot be read, or the viewpoint models cannot be kept.
     """
-    bundle = config.pipeline.bundle
-    adjusts = bundle.enabled and (bundle.without_depth or recording.measures_depth)
-    follows = config.follow.every > 1
-    bodies = load_bodies(recording.catalogue, bundle.viewpoints, progress) if adjusts or follows else {}
-    return Adjuster(bodies, bundle) if adjusts else None, Follower(bodies, config.follow) if follows else None
+    bundle, depth = config.pipeline.bundle, recording.measures_depth
+    adjusts = bundle.enabled and (bundle.without_depth or depth)
+    fits, follows = config.fit.enabled and depth, config.follow.every > 1
+    bodies = load_bodies(recording.catalogue, bundle.viewpoints, progress) if adjusts or fits or follows else {}
+    return Helpers(
+        Adjuster(bodies, bundle) if adjusts else None,
+        Fitter(bodies, recording.catalogue, config.fit) if fits else None,
+        Follower(bodies, config.follow) if follows else None,
+    )
 
 
 class _Collected:

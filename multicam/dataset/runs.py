@@ -6,7 +6,7 @@
                     "chain"}],
        "objects": [{"instance", "obj_id", "score", "world_from_object", "covariance", "seen_by"}],
        "world_from_tracking": the headset's drift,
-       "seconds": {"network" and "pnp" where the network looked, "graph", "bundle" and "follow" where asked for},
+       "seconds": {"network" and "pnp" where the network looked, "graph", "fit", "bundle" and "follow" where asked for},
        "adjustment": null or {"cameras", "objects": as they were without it, "energy": [before, after],
                               "kept": {camera_id or "object INSTANCE": why it was not adjusted}}}]}
 

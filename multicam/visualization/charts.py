@@ -13,7 +13,14 @@ from multicam.evaluation.run_error import RunErrors
 from multicam.geometry import se3
 from multicam.types import FloatArray
 
-STAGE_COLORS = {"network": "#3b6fd4", "pnp": "#7aa5ee", "follow": "#7c3aed", "graph": "#2f9e57", "bundle": "#c2410c"}
+STAGE_COLORS = {
+    "network": "#3b6fd4",
+    "pnp": "#7aa5ee",
+    "fit": "#d4a017",
+    "follow": "#7c3aed",
+    "graph": "#2f9e57",
+    "bundle": "#c2410c",
+}
 LINE_COLORS = ("#3b6fd4", "#c2410c", "#2f9e57", "#7c3aed", "#0f766e", "#be185d")
 
 

@@ -70,6 +70,16 @@ def test_both_cameras_are_placed_from_pictures_alone(finished, marked):
     assert len(last.objects) == 10
 
 
+def test_estimates_are_brought_to_depth_where_asked_for(marked, tmp_path):
+    flags = ["--network", str(marked.network), "--recording", str(marked.recording), "--output", str(tmp_path)]
+    assert cli.run(["run", *flags, "--fit.enabled"]) == 0
+    last, recording = read_run(tmp_path / "results.json").steps[-1], load_recording(marked.recording)
+    assert last.seconds["fit"] > 0
+    for name in (LEFT, RIGHT):
+        truth = recording.truth_of(name, 0)
+        np.testing.assert_allclose(last.camera(name).world_from_camera, truth, atol=4e-3)
+
+
 def test_bundle_adjustment_can_be_left_out_and_is_left_out_without_depth(marked, copied, tmp_path):
     flags = ["run", "--network", str(marked.network), "--output", str(tmp_path / "out")]
     assert cli.run([*flags, "--recording", str(marked.recording), "--pipeline.bundle.no-enabled"]) == 0
