@@ -3,8 +3,7 @@
 a pose of the network -> other starts -> lines and points searched from each -> the one that depth confirms, or none
 
 A network that is unsure of an attitude takes one end of a part for the other, and its distances are off by percents.
-Depth tells both, which colour alone does not; so whatever is registered afterwards begins with poses that are right, or
-with what the network said.
+Depth tells both, mostly, which colour alone does not.
 """
 
 from __future__ import annotations
@@ -23,6 +22,7 @@ from multicam.bundle.depth_image import DepthImage, draw_bodies
 from multicam.bundle.region.colors import ColorModel
 from multicam.bundle.tracking import Sight, Tracked, TrackingConfig, first_colors, track
 from multicam.dataset.objects import Catalogue
+from multicam.errors import ConfigError
 from multicam.geometry import se3
 from multicam.matching.linear import inverse
 from multicam.types import FloatArray, Frame, ObjectEstimate
@@ -61,6 +61,12 @@ class FitConfig:
     least_std: tuple[float, float] = (0.02, 0.003)
     """Least deviations of a fitted pose, per axis, radians and metres."""
 
+    def __post_init__(self) -> None:
+        if not 0 < self.confirms <= self.contradicts:
+            raise ConfigError(f"fit.confirms must lie above 0 and not above fit.contradicts; it is {self.confirms:g}.")
+        if not 0 < self.least <= self.enough:
+            raise ConfigError(f"fit.least must lie above 0 and not above fit.enough; it is {self.least:g}.")
+
 
 class Fitter:
     """Fits the estimates of frames with depth."""
@@ -76,7 +82,8 @@ class Fitter:
         The rest stays as it is, and so does all of a frame without depth.
         """
         return [
-            self._fit_frame(*each) if each[0].depth is not None else each[1] for each in zip(frames, found, strict=True)
+            estimates if frame.depth is None else self._fit_frame(frame, estimates)
+            for frame, estimates in zip(frames, found, strict=True)
         ]
 
     def _fit_frame(self, frame: Frame, estimates: Sequence[ObjectEstimate]) -> tuple[ObjectEstimate, ...]:

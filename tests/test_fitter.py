@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from multicam.errors import ConfigError
 from multicam.fitter import FitConfig, Fitter
 from multicam.geometry import se3
 from multicam.types import Detection, Frame, ObjectEstimate
@@ -94,3 +95,13 @@ def test_an_estimate_that_depth_confirms_is_not_sought_elsewhere(
     tool.fit([seen(rng)], [estimates(truth())[:2]])
     # Once, and once more with colours learnt where it ended.
     assert len(starts) == 2 * 2
+
+
+def test_limits_that_contradict_each_other_are_refused() -> None:
+    for wrong, name in (
+        ({"confirms": 0.02}, "fit.confirms"),
+        ({"least": 0.95}, "fit.least"),
+        ({"least": 0.0}, "least"),
+    ):
+        with pytest.raises(ConfigError, match=name):
+            FitConfig(**wrong)
