@@ -13,6 +13,7 @@ from multicam.commands.evaluate import evaluate_recorded
 from multicam.commands.run import RunConfig, run
 from multicam.config import parse_command
 from multicam.errors import DataError
+from multicam.fitter import FitConfig
 from multicam.progress import RichProgress
 
 NETWORK, RECORDING = "instruments.onnx", "recording"
@@ -37,6 +38,6 @@ def main(argv: list[str]) -> None:
     console, progress = Console(highlight=False, markup=False, soft_wrap=True), RichProgress()
     with ExitStack() as stack:
         network, recording = (stack.enter_context(resources.as_file(assets / name)) for name in (NETWORK, RECORDING))
-        run(RunConfig(recording, network, config.output), progress)
+        run(RunConfig(recording, network, config.output, fit=FitConfig(enabled=True)), progress)
         console.print(evaluate_recorded(config.output, None, config.output, progress))
     console.print(f"\nReport: {config.output / 'report.html'}")
