@@ -7,11 +7,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from multicam.bundle.adjustment.scene import Body
+from multicam.bundle.viewpoints.generate import ViewpointConfig, generate
+from multicam.dataset.objects import Catalogue, ObjectModel
 from multicam.errors import ConfigError
 from multicam.fitter import FitConfig, Fitter
 from multicam.geometry import se3
+from multicam.geometry.mesh import Mesh
+from multicam.geometry.rasterizer import render_depth
+from multicam.geometry.symmetry import Symmetries
 from multicam.types import Detection, Frame, ObjectEstimate
-from tests.bundle.box_rig import CAMERA, body, cameras, objects, picture
+from tests.bundle.box_rig import CAMERA, COLORS, WALL, body, cameras, objects, picture
+from tests.bundle.box_world import box
 from tests.test_adjuster import catalogue
 
 KEYPOINTS = Detection(1, 0.9, np.zeros(4), np.zeros((8, 2)), np.ones((8, 2)), np.ones(8))
@@ -46,6 +53,13 @@ def corners_off(found: tuple[ObjectEstimate, ...], half_turns: bool = False) -> 
     return 1e3 * np.array(errors).min(axis=1) if half_turns else 1e3 * np.array(errors)[:, 0]
 
 
+def wedge() -> Mesh:
+    """The box, one end of which is three tenths as high and deep: half turns show."""
+    corners = box().vertices.copy()
+    corners[corners[:, 0] > 0, 1:] *= 0.3
+    return Mesh(corners, box().faces)
+
+
 def too_far(poses: np.ndarray, factor: float) -> np.ndarray:
     moved = poses.copy()
     moved[:, :3, 3] *= factor
@@ -64,6 +78,23 @@ def test_wrong_distances_and_attitudes_are_put_right(rng: np.random.Generator, f
         assert each.detection is None and each.covariance is not None
         std = np.sqrt(np.diag(each.covariance))
         assert (std[:3] >= 0.02).all() and (std[3:] >= 0.003).all() and std.max() < 0.1
+
+
+@pytest.mark.parametrize("axis", [1, 2])
+def test_a_part_whose_ends_were_taken_for_each_other_is_turned_round(rng: np.random.Generator, axis: int) -> None:
+    mesh = wedge()
+    pose = se3.exp(np.array([0.5, 0.6, 0.3, 0.0, 0.0, 0.0]))
+    pose[:3, 3] = [0.03, -0.02, 0.5]
+    drawn = render_depth(mesh, CAMERA, pose)
+    image = np.where((drawn > 0)[..., None], COLORS[0], WALL) + rng.normal(scale=8, size=(*drawn.shape, 3))
+    frame = Frame("left", 0, image.clip(0, 255).astype(np.uint8), CAMERA, None, np.where(drawn > 0, drawn, 1.0))
+    turned = pose @ np.diag(np.where(np.arange(4) % 3 == axis, 1.0, [-1, -1, -1, 1]))
+    known = Catalogue({1: ObjectModel(1, "wedge", mesh.diameter(), Symmetries(), mesh.box)})
+    model = generate(mesh, ViewpointConfig(subdivisions=3, picture=160))
+    ((found,),) = Fitter({1: Body(model, mesh)}, known, FitConfig()).fit([frame], [estimates(turned[None])])
+    # Half a turn about its long axis does not show.
+    same = found.camera_from_object, found.camera_from_object @ np.diag([1.0, -1, -1, 1])
+    assert min(np.abs(se3.act(p, mesh.vertices) - se3.act(pose, mesh.vertices)).max() for p in same) < 5e-3
 
 
 def test_what_depth_does_not_confirm_stays_as_it_is(rng: np.random.Generator) -> None:
