@@ -111,7 +111,8 @@ def test_an_object_that_one_camera_alone_sees_moves_no_camera(rng: np.random.Gen
     with_it = only(scene, ~((scene.object == 2) & (scene.camera != 1)))
     without = only(scene, scene.object != 2)
     a, b = (adjust(each, start, replace(CONFIG, modelled_occlusion=False)) for each in (with_it, without))
-    assert np.allclose(a.state.world_from_camera, b.state.world_from_camera, atol=2e-4)
+    # Not to the last digit: where searches begin differs by 1e-7, and a line more or less is found.
+    assert np.allclose(a.state.world_from_camera, b.state.world_from_camera, atol=5e-4)
     truth = se3.inverse(cameras()[1]) @ objects()[2]
     seen = se3.inverse(a.state.world_from_camera[1]) @ a.state.world_from_object[2]
     assert np.linalg.norm(seen[:3, 3] - truth[:3, 3]) < 0.004
@@ -127,7 +128,7 @@ def test_an_object_moved_between_two_pictures_is_outvoted(rng: np.random.Generat
     edge = np.flatnonzero((scene.camera == 1) & (scene.object == 2))
     estimated[edge] = se3.inverse(cameras()[1]) @ away[2]
     answer = adjust(replace(scene, pictures=pictures, estimated=estimated), start, CONFIG)
-    assert camera_errors(answer.state).max() < 6
+    assert camera_errors(answer.state).max() < 4
     assert answer.weight[edge] < 0.5 < np.delete(answer.weight, edge).mean()
 
 
@@ -140,15 +141,16 @@ def test_a_camera_that_shares_no_object_stays(rng: np.random.Generator) -> None:
     assert np.array_equal(answer.camera_covariance[2], scene.camera_covariance[2])
 
 
-def test_without_depth_one_object_moves_no_camera(rng: np.random.Generator) -> None:
-    """The third camera sees one box; with depth that is enough."""
-    start = shaken(rng)
-    for depth in (False, True):
-        scene = rig(rng, depth=depth)
-        scene = only(scene, (scene.camera < 2) | (scene.object == 1))
-        answer = adjust(scene, start, CONFIG)
-        assert (answer.kept_cameras.get(2) == UNCONFIRMED) is not depth
-        assert np.array_equal(answer.state.world_from_camera[2], start.world_from_camera[2]) is not depth
+@pytest.mark.parametrize("measuring", [0, 2, 3])
+def test_one_object_moves_a_camera_only_by_the_depth_of_both_sides(rng: np.random.Generator, measuring: int) -> None:
+    """The third camera sees one box; that is enough if it measures depth, and others do."""
+    start, scene = shaken(rng), rig(rng)
+    pictures = [each if c < measuring else replace(each, depth=None) for c, each in enumerate(scene.pictures)]
+    scene = only(replace(scene, pictures=pictures), (scene.camera < 2) | (scene.object == 1))
+    answer = adjust(scene, start, CONFIG)
+    stays = measuring < 3
+    assert (answer.kept_cameras.get(2) == UNCONFIRMED) is stays
+    assert np.array_equal(answer.state.world_from_camera[2], start.world_from_camera[2]) is stays
 
 
 def before_a_room(scene: Scene, standing: np.ndarray | None = None) -> Scene:

@@ -25,12 +25,18 @@ from multicam.types import FloatArray
 NOT_SEEN = "no line of its contour and no point of its surface was found in any picture"
 UNTRUSTED = "only cameras see it whose own poses the pictures contradict"
 UNRELATED = "it shares no object with the cameras whose poses are known"
-UNCONFIRMED = "without depth two objects must agree on where it is, and better than their estimates did"
+UNCONFIRMED = (
+    "two objects must agree on where it is, or the depth of two cameras on one; without depth better than before"
+)
 BEYOND = "the pictures would move it further than the uncertainty of its old pose allows"
 NOT_BETTER = "the pictures fit the poses found no better than the old ones"
 
 AGREES = 0.5
 """Weight from which an edge agrees with the others."""
+
+LAST_TRUST = 0.2
+"""Share of the estimates' information that counts once lines and measured depth are searched at the poses that all
+share: they are of the same pictures, which by then show more than they do."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,9 +81,9 @@ def adjust(scene: Scene, state: State, config: AdjustmentConfig) -> Adjusted:
     """Moves cameras and objects to where the pictures show them.
 
     Cameras move that share an object with others; an object that one camera alone sees follows it. A camera or object
-    that would leave the gate of its old pose keeps that pose and says nothing about the others. Where nothing measures
-    depth, a camera moves only if two objects agree on where it is, and better than their estimates did. If the energy
-    does not fall, all stay.
+    that would leave the gate of its old pose keeps that pose and says nothing about the others. A camera moves only if
+    two objects agree on where it is, or one whose depth it and another camera measure; where nothing measures depth,
+    they must agree better than their estimates did. If the energy does not fall, all stay.
     """
     if config.scenery:
         scene = replace(scene, bearings=find_bearings(scene, state, config.scenery))
@@ -108,10 +114,8 @@ def adjust(scene: Scene, state: State, config: AdjustmentConfig) -> Adjusted:
             strayed |= dict.fromkeys(np.flatnonzero(far_cameras).tolist(), BEYOND)
         elif np.any(far_objects):
             objects |= dict.fromkeys(np.flatnonzero(far_objects).tolist(), BEYOND)
-        elif (
-            observed is not None
-            and not measured
-            and np.any(doubtful := _doubtful(scene, taking, state, solution, observed))
+        elif observed is not None and np.any(
+            doubtful := _doubtful(scene, taking, state, solution, observed, found.points)
         ):
             unconfirmed |= dict.fromkeys(np.flatnonzero(doubtful).tolist(), UNCONFIRMED)
         else:
@@ -144,11 +148,12 @@ def _solve(system: System, state: State, observed: PoseFactor | None, measured: 
     With contours alone, searches at poses that all cameras share lose objects that were moved, and end further off.
     """
     if observed is None:
-        return _descend(system, state)
+        return _descend(system, state, state)
     agreed = _agree(system, state, observed)
     if not measured:
         return agreed
-    together = _descend(system, agreed.state)
+    system = replace(system, scene=system.scene.trusted(LAST_TRUST), believed=agreed.weight)
+    together = _descend(system, agreed.state, state)
     before, after = together.energy
     return together if after < before else agreed
 
@@ -178,12 +183,12 @@ def _agree(system: System, state: State, observed: PoseFactor) -> _Solution:
     return _Solution(result, cameras, covariance, energy, weight, observed.information)
 
 
-def _descend(system: System, state: State) -> _Solution:
-    """Cameras and objects after searches at poses that they share; energies by what is found at both ends."""
+def _descend(system: System, state: State, first: State) -> _Solution:
+    """Cameras and objects after searches at poses that they share; energies by what is found at `first` and there."""
     moved, weight = system.descend(state, range(system.config.searches))
     judge = replace(system, config=system.config.judging())
-    ends = judge.search(state, 0), judge.search(moved, 0)
-    before, after = (sum(system.energy(end, each, weight) for end in ends) for each in (state, moved))
+    ends = judge.search(first, 0), judge.search(moved, 0)
+    before, after = (sum(system.energy(end, each, weight) for end in ends) for each in (first, moved))
     seen = system.measured(moved)
     cameras, objects = system.covariances(moved, seen, weight)
     information = seen.hessian + system.scene.information
@@ -191,18 +196,21 @@ def _descend(system: System, state: State) -> _Solution:
 
 
 def _doubtful(
-    scene: Scene, taking: Participants, before: State, solution: _Solution, observed: PoseFactor
+    scene: Scene, taking: Participants, before: State, solution: _Solution, observed: PoseFactor, points: IntArray
 ) -> BoolArray:
-    """(c,) free cameras that too few objects confirm, or whose objects agree less as the pictures show them."""
+    """(c,) free cameras that too few objects confirm, or whose objects agree less as contours alone show them."""
     taken = taking.both(scene.camera, scene.object)
 
     def disagreement(poses: FloatArray, state: State) -> FloatArray:
         squared = squared_norm(se3.minus(poses, edge_poses(scene, state)), scene.information)
         return np.bincount(scene.camera, taken * observed.kernel.energy(squared), len(scene.pictures)).astype(float)
 
-    worse = disagreement(observed.observed, solution.state) >= disagreement(scene.estimated, before)
-    unconfirmed = worse | (_agreeing(scene, taking, solution.weight) < 2)
-    return ~taking.fixed & unconfirmed & ~_borne_out(scene, taking, solution.state)
+    doubtful = _confirming(scene, taking, solution.weight, points > 0) < 2
+    # A camera that sees nothing goes where measured motions put it.
+    doubtful &= np.bincount(scene.camera, taken, len(scene.pictures)) > 0
+    if not points.any():
+        doubtful |= disagreement(observed.observed, solution.state) >= disagreement(scene.estimated, before)
+    return ~taking.fixed & doubtful & ~_borne_out(scene, taking, solution.state)
 
 
 def _borne_out(scene: Scene, taking: Participants, state: State) -> BoolArray:
@@ -215,11 +223,18 @@ def _borne_out(scene: Scene, taking: Participants, state: State) -> BoolArray:
     return borne_out
 
 
-def _agreeing(scene: Scene, taking: Participants, weight: FloatArray) -> IntArray:
-    """(c,) how many objects each camera sees as at least one other camera does, by the weights (e,) of the edges."""
+def _confirming(scene: Scene, taking: Participants, weight: FloatArray, measured: BoolArray) -> IntArray:
+    """(c,) how many objects each camera sees as at least one other camera does, by the weights (e,) of the edges.
+
+    One counts for two where the depth of both cameras shows it: `measured` (e,).
+    """
     agrees = (weight >= AGREES) & taking.both(scene.camera, scene.object)
-    cameras = np.bincount(scene.object, agrees, len(scene.bodies))
-    return np.bincount(scene.camera, agrees & (cameras[scene.object] >= 2), len(scene.pictures)).astype(np.int64)
+
+    def shared(edges: BoolArray) -> BoolArray:
+        return edges & (np.bincount(scene.object, edges, len(scene.bodies))[scene.object] >= 2)
+
+    count = shared(agrees).astype(np.int64) + shared(agrees & measured)
+    return np.bincount(scene.camera, count, len(scene.pictures)).astype(np.int64)
 
 
 def _chosen(indices: Iterable[int], count: int) -> BoolArray:

@@ -52,6 +52,7 @@ class System:
     Attributes:
         colors: (e,) of each object in each picture.
         occluders: (c,).
+        believed: (e,) greatest weights of the edges; None for 1 each.
     """
 
     scene: Scene
@@ -59,10 +60,11 @@ class System:
     occluders: Sequence[Occluders]
     colors: Sequence[ColorModel]
     config: AdjustmentConfig
+    believed: FloatArray | None = None
 
     def descend(self, state: State, searches: Sequence[int]) -> tuple[State, FloatArray]:
         """The state after searches of these numbers, and the weights (e,) of the edges in the last step."""
-        weight = np.ones(len(self.scene.camera))
+        weight = np.ones(len(self.scene.camera)) if self.believed is None else self.believed
         for search in searches:
             found = self.search(state, search)
             for update in range(self.config.updates):
@@ -105,7 +107,7 @@ class System:
         shift = se3.minus(edge_poses(self.scene, moved), pose)
         rest = local.gradient + apply(local.hessian, shift)
         squared = squared_norm(rest, inverse(local.hessian + UNKNOWN * np.eye(6)))
-        return np.minimum(1, Student(self.config.tail, 6).weight(squared))
+        return np.minimum(1 if self.believed is None else self.believed, Student(self.config.tail, 6).weight(squared))
 
     def assemble(
         self, local: Linearization, pose: FloatArray, state: State, weight: FloatArray, damped: bool = True
