@@ -52,20 +52,22 @@ class Muon(torch.optim.AdamW):
                 self._step_kernels(group)
 
     def _step_kernels(self, group: dict[str, Any]) -> None:
+        kernels, gradients = group["params"], [kernel.grad for kernel in group["params"]]
+        for kernel in kernels:
+            if "momentum" not in self.state[kernel]:
+                self.state[kernel]["momentum"] = torch.zeros_like(kernel)
+        momenta = [self.state[kernel]["momentum"] for kernel in kernels]
+        torch._foreach_lerp_(momenta, gradients, 1 - _MOMENTUM)
+        ahead = torch._foreach_lerp(gradients, momenta, _MOMENTUM)
+        torch._foreach_mul_(kernels, 1 - group["lr"] * group["weight_decay"])
         shapes: dict[torch.Size, list[tuple[nn.Parameter, Tensor]]] = defaultdict(list)
-        for kernel, count in zip(group["params"], group["convolutions"], strict=True):
-            state = self.state[kernel]
-            if "momentum" not in state:
-                state["momentum"] = torch.zeros_like(kernel)
-            momentum = state["momentum"].lerp_(kernel.grad, 1 - _MOMENTUM)
-            ahead = kernel.grad.lerp(momentum, _MOMENTUM)
-            matrices = ahead.reshape(count, kernel.shape[0] // count, -1)
+        for kernel, count, direction in zip(kernels, group["convolutions"], ahead, strict=True):
+            matrices = direction.reshape(count, kernel.shape[0] // count, -1)
             shapes[matrices.shape[1:]].append((kernel, matrices))
         for (rows, columns), pairs in shapes.items():
             updates = orthogonalized(torch.cat([matrices for _, matrices in pairs]).to(self._type)).float()
             size = _RMS * math.sqrt(max(rows, columns))
             for (kernel, _), update in zip(pairs, updates.split([len(m) for _, m in pairs]), strict=True):
-                kernel.mul_(1 - group["lr"] * group["weight_decay"])
                 kernel.sub_(update.reshape(kernel.shape), alpha=group["lr"] * size)
 
 
@@ -73,7 +75,7 @@ def orthogonalized(matrices: Tensor) -> Tensor:
     """The nearest matrices with orthonormal rows or columns, roughly: their singular values lie between 0.7 and 1.2.
 
     Args:
-        matrices: (..., M, N), in whose precision it is computed.
+        matrices: (B, M, N), in whose precision it is computed.
     """
     tall = matrices.shape[-2] > matrices.shape[-1]
     x = matrices.mT if tall else matrices
@@ -81,7 +83,7 @@ def orthogonalized(matrices: Tensor) -> Tensor:
     a, b, c = _QUINTIC
     for _ in range(_STEPS):
         gram = x @ x.mT
-        x = a * x + (b * gram + c * gram @ gram) @ x
+        x = torch.baddbmm(x, torch.baddbmm(gram, gram, gram, beta=b, alpha=c), x, beta=a)
     return x.mT if tall else x
 
 
