@@ -148,12 +148,12 @@ def _solve(system: System, state: State, observed: PoseFactor | None, measured: 
     With contours alone, searches at poses that all cameras share lose objects that were moved, and end further off.
     """
     if observed is None:
-        return _descend(system, state, state)
+        return _descend(system, state, state, range(system.config.searches))
     agreed = _agree(system, state, observed)
     if not measured:
         return agreed
     system = replace(system, scene=system.scene.trusted(LAST_TRUST), believed=agreed.weight)
-    together = _descend(system, agreed.state, state)
+    together = _descend(system, agreed.state, state, system.config.last_searches)
     before, after = together.energy
     return together if after < before else agreed
 
@@ -183,9 +183,9 @@ def _agree(system: System, state: State, observed: PoseFactor) -> _Solution:
     return _Solution(result, cameras, covariance, energy, weight, observed.information)
 
 
-def _descend(system: System, state: State, first: State) -> _Solution:
+def _descend(system: System, state: State, first: State, searches: Sequence[int]) -> _Solution:
     """Cameras and objects after searches at poses that they share; energies by what is found at `first` and there."""
-    moved, weight = system.descend(state, range(system.config.searches))
+    moved, weight = system.descend(state, searches)
     judge = replace(system, config=system.config.judging())
     ends = judge.search(first, 0), judge.search(moved, 0)
     before, after = (sum(system.energy(end, each, weight) for end in ends) for each in (first, moved))

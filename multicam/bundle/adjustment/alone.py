@@ -59,7 +59,7 @@ def observe_edges(
         state, _ = System(free, everyone, occluders, colors, config).descend(state, range(config.relearn))
         colors = learn_colors(apart, edge_poses(apart, state), occluders, config)
     system = System(apart, everyone, occluders, colors, config)
-    state, _ = system.descend(state, range(max(config.relearn - 1, 0), config.searches))
+    state, _ = system.descend(state, config.last_searches)
     pose, seen = edge_poses(apart, state), system.measured(state)
     factor = PoseFactor(scene.camera, scene.object, pose, seen.hessian + scene.information, Student(config.tail, 6))
     return factor, colors

@@ -50,6 +50,11 @@ class AdjustmentConfig:
     """Greatest squared Mahalanobis distance from its prior that a camera or object may move: the 99.9 % quantile with
     six degrees of freedom."""
 
+    @property
+    def last_searches(self) -> range:
+        """Numbers of the searches that begin where others have ended, as those after colours are learnt anew."""
+        return range(max(self.relearn - 1, 0), self.searches)
+
     def judging(self) -> AdjustmentConfig:
         """Searches as wide as the first and as precise as the last, to compare energies of two states.
 
