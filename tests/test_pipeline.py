@@ -145,7 +145,8 @@ def test_a_static_camera_keeps_its_pose_when_nothing_is_seen(rng):
     for step in walk.steps[1:]:
         blind, _ = seen(step, step.world.views(rng))
         graph, after = pipeline.step(graph, blind, [(), (), ()], toy_catalogue(), CONFIG)
-    np.testing.assert_array_equal(after.camera(LEFT).world_from_camera, before.camera(LEFT).world_from_camera)
+    # But for rounding: on some processors a step of 1e-16 is left.
+    np.testing.assert_allclose(after.camera(LEFT).world_from_camera, before.camera(LEFT).world_from_camera, atol=1e-12)
     assert after.camera(LEFT).status == "kept"
     assert np.trace(after.camera(LEFT).covariance) > np.trace(before.camera(LEFT).covariance)
 
