@@ -165,7 +165,8 @@ def published(case: Case, config: AdjustmentConfig) -> State:
     colors = learn_colors(case.scene, case.scene.estimated, occluders, config)
     everything = np.ones(len(case.scene.bodies), dtype=np.bool_)
     taking = Participants(np.ones_like(case.scene.fixed), everything, case.scene.fixed)
-    return PublishedStep(case.scene, taking, occluders, colors, config).descend(case.start, range(config.searches))[0]
+    steps = PublishedStep(case.scene, taking, occluders, colors, config)
+    return steps.descend(case.start, range(config.searches)).state
 
 
 def cases_of(recording: Recording, every: int, detector: Detector) -> list[Case]:

@@ -105,19 +105,21 @@ def _triangle(projected: Any, i: int, j: int, k: int, inverse_depth: Any) -> Non
     ax, ay, aw = projected[i, 0], projected[i, 1], projected[i, 2]
     bx, by, bw = projected[j, 0], projected[j, 1], projected[j, 2]
     cx, cy, cw = projected[k, 0], projected[k, 1], projected[k, 2]
-    area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
-    if area == 0:
-        return
     x0 = int(max(0.0, np.ceil(min(ax, bx, cx))))
     x1 = int(min(width - 1.0, np.floor(max(ax, bx, cx))))
     y0 = int(max(0.0, np.ceil(min(ay, by, cy))))
     y1 = int(min(height - 1.0, np.floor(max(ay, by, cy))))
+    area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+    # Many triangles are so small that they hold no pixel centre.
+    if x0 > x1 or y0 > y1 or area == 0:
+        return
+    share = 1 / area
     for y in range(y0, y1 + 1):
         for x in range(x0, x1 + 1):
             # Barycentric coordinates; their signs agree with the area's inside, whichever way the face winds.
-            u = ((bx - x) * (cy - y) - (by - y) * (cx - x)) / area
-            v = ((cx - x) * (ay - y) - (cy - y) * (ax - x)) / area
+            u = ((bx - x) * (cy - y) - (by - y) * (cx - x)) * share
+            v = ((cx - x) * (ay - y) - (cy - y) * (ax - x)) * share
             # Not 1 - u - v: a pixel on an edge must get the same sign, or zero, from the triangles on both sides.
-            w = ((ax - x) * (by - y) - (ay - y) * (bx - x)) / area
+            w = ((ax - x) * (by - y) - (ay - y) * (bx - x)) * share
             if u >= 0 and v >= 0 and w >= 0:
                 inverse_depth[y, x] = max(inverse_depth[y, x], u * aw + v * bw + w * cw)

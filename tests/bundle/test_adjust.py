@@ -340,13 +340,19 @@ def test_the_step_solves_the_system_that_problem_has(rng: np.random.Generator, e
     assert np.allclose(edge_poses(scene, mine), edge_poses(scene, theirs), atol=2e-3)
 
 
+@pytest.mark.parametrize(("searches", "relearn"), [(0, 0), (3, 4)])
+def test_colours_learnt_anew_leave_a_search_to_be_used_in(searches: int, relearn: int) -> None:
+    with pytest.raises(ValueError, match=f"searches is {searches}.*relearn, {relearn}"):
+        AdjustmentConfig(searches=searches, relearn=relearn)
+
+
 def test_keypoints_bring_the_cameras_back_as_far_as_they_can(rng: np.random.Generator) -> None:
     start, blind = shaken(rng), AdjustmentConfig(region=None, depth=None)
     scene = with_keypoints(rig(rng), rng, 9, std=0.1)
     occluders = find_occluders(scene, start, blind)
     taking = Participants(np.ones(3, np.bool_), np.ones(3, np.bool_), scene.fixed)
     system = System(scene, taking, occluders, learn_colors(scene, scene.estimated, occluders, blind), blind)
-    found, _ = system.descend(start, range(6))
+    found = system.descend(start, range(6)).state
     assert camera_errors(start)[1:].min() > 10 and camera_errors(found).max() < 3
 
 

@@ -12,7 +12,7 @@ from multicam.bundle.adjustment.bearings import find_bearings
 from multicam.bundle.adjustment.config import AdjustmentConfig
 from multicam.bundle.adjustment.descent import Participants, System
 from multicam.bundle.adjustment.scene import Scene
-from multicam.bundle.adjustment.search import edge_poses, find_occluders, learn_colors
+from multicam.bundle.adjustment.search import Found, edge_poses, find_occluders, learn_colors
 from multicam.bundle.levenberg import LevenbergConfig, minimize
 from multicam.bundle.pose import PoseFactor
 from multicam.bundle.problem import Problem, State
@@ -93,9 +93,8 @@ def adjust(scene: Scene, state: State, config: AdjustmentConfig) -> Adjusted:
     if config.joint:
         observed, colors = observe_edges(scene, state.world_from_camera, occluders, colors, config)
     everyone = Participants(np.ones_like(scene.fixed), np.ones(len(scene.bodies), dtype=np.bool_), scene.fixed)
-    found = System(scene, everyone, occluders, colors, config).search(state, 0)
+    found = System(scene, everyone, occluders, colors, config.judging()).search(state, 0)
     seen = np.bincount(scene.object, found.lines + found.points, len(scene.bodies)) > 0
-    measured = bool(found.points.any())
     strayed: dict[int, str] = {}
     unconfirmed: dict[int, str] = {}
     objects = dict.fromkeys(np.flatnonzero(~seen).tolist(), NOT_SEEN)
@@ -107,7 +106,7 @@ def adjust(scene: Scene, state: State, config: AdjustmentConfig) -> Adjusted:
         unrelated = np.flatnonzero(scene.unrelated(believed, placed)).tolist()
         cameras = unconfirmed | dict.fromkeys(unrelated, UNRELATED) | strayed
         taking = Participants(believed, placed, scene.fixed | _chosen(cameras, len(scene.fixed)))
-        solution = _solve(System(scene, taking, occluders, colors, config), state, observed, measured)
+        solution = _solve(System(scene, taking, occluders, colors, config), state, observed, found)
         far_cameras, far_objects = _beyond(scene, taking, state, solution.state, config.gate)
         # A camera that strays takes along the objects it sees.
         if np.any(far_cameras):
@@ -142,18 +141,18 @@ def adjust(scene: Scene, state: State, config: AdjustmentConfig) -> Adjusted:
     )
 
 
-def _solve(system: System, state: State, observed: PoseFactor | None, measured: bool) -> _Solution:
+def _solve(system: System, state: State, observed: PoseFactor | None, found: Found) -> _Solution:
     """The minimum over the poses that the pictures show one by one and, where depth is measured, over all at once.
 
     With contours alone, searches at poses that all cameras share lose objects that were moved, and end further off.
     """
     if observed is None:
-        return _descend(system, state, state, range(system.config.searches))
+        return _descend(system, state, state, found, range(system.config.searches))
     agreed = _agree(system, state, observed)
-    if not measured:
+    if not found.points.any():
         return agreed
     system = replace(system, scene=system.scene.trusted(LAST_TRUST), believed=agreed.weight)
-    together = _descend(system, agreed.state, state, system.config.last_searches)
+    together = _descend(system, agreed.state, state, found, system.config.last_searches)
     before, after = together.energy
     return together if after < before else agreed
 
@@ -183,16 +182,18 @@ def _agree(system: System, state: State, observed: PoseFactor) -> _Solution:
     return _Solution(result, cameras, covariance, energy, weight, observed.information)
 
 
-def _descend(system: System, state: State, first: State, searches: Sequence[int]) -> _Solution:
-    """Cameras and objects after searches at poses that they share; energies by what is found at `first` and there."""
-    moved, weight = system.descend(state, searches)
+def _descend(system: System, state: State, first: State, found: Found, searches: Sequence[int]) -> _Solution:
+    """Cameras and objects after searches at poses that they share.
+
+    Energies are of `first` and of the end, by what was `found` at `first` and what is found likewise at the end.
+    """
+    end = system.descend(state, searches)
     judge = replace(system, config=system.config.judging())
-    ends = judge.search(first, 0), judge.search(moved, 0)
-    before, after = (sum(system.energy(end, each, weight) for end in ends) for each in (first, moved))
-    seen = system.measured(moved)
-    cameras, objects = system.covariances(moved, seen, weight)
-    information = seen.hessian + system.scene.information
-    return _Solution(moved, cameras, objects, (before, after), weight, information)
+    ends = found, judge.search(end.state, 0)
+    before, after = (sum(system.energy(each, at, end.weight) for each in ends) for at in (first, end.state))
+    cameras, objects = system.covariances(end.state, end.seen, end.weight)
+    information = end.seen.hessian + system.scene.information
+    return _Solution(end.state, cameras, objects, (before, after), end.weight, information)
 
 
 def _doubtful(

@@ -56,10 +56,9 @@ def observe_edges(
     state = State(world_from_camera, world_from_camera[scene.camera] @ scene.estimated)
     if config.relearn:
         free = apart.trusted(FIRST_TRUST)
-        state, _ = System(free, everyone, occluders, colors, config).descend(state, range(config.relearn))
+        state = System(free, everyone, occluders, colors, config).descend(state, range(config.relearn)).state
         colors = learn_colors(apart, edge_poses(apart, state), occluders, config)
-    system = System(apart, everyone, occluders, colors, config)
-    state, _ = system.descend(state, config.last_searches)
-    pose, seen = edge_poses(apart, state), system.measured(state)
-    factor = PoseFactor(scene.camera, scene.object, pose, seen.hessian + scene.information, Student(config.tail, 6))
+    end = System(apart, everyone, occluders, colors, config).descend(state, config.last_searches)
+    pose, information = edge_poses(apart, end.state), end.seen.hessian + scene.information
+    factor = PoseFactor(scene.camera, scene.object, pose, information, Student(config.tail, 6))
     return factor, colors

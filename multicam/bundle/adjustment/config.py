@@ -27,7 +27,7 @@ class AdjustmentConfig:
     """Points of the depth pictures, where there are any; null leaves them out."""
     scenery: SceneryConfig | None = None
     """What two pictures share beside the objects; it shows turns and directions of cameras, but must stand still."""
-    searches: int = 7
+    searches: int = 6
     """Searches for lines and points."""
     updates: int = 2
     """Steps after each search."""
@@ -49,6 +49,12 @@ class AdjustmentConfig:
     gate: float = 22.46
     """Greatest squared Mahalanobis distance from its prior that a camera or object may move: the 99.9 % quantile with
     six degrees of freedom."""
+
+    def __post_init__(self) -> None:
+        if not self.last_searches:
+            raise ValueError(
+                f"searches is {self.searches}, must be at least 1 and no fewer than relearn, {self.relearn}"
+            )
 
     @property
     def last_searches(self) -> range:

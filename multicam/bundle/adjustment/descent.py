@@ -46,6 +46,20 @@ class Participants:
 
 
 @dataclass(frozen=True, eq=False)
+class Descent:
+    """Where searches and steps ended.
+
+    Attributes:
+        weight: (e,) of the edges in the last step.
+        seen: what lines and points of the last search say of the edges (e,) there.
+    """
+
+    state: State
+    weight: FloatArray
+    seen: Linearization
+
+
+@dataclass(frozen=True, eq=False)
 class System:
     """Scene, participants and configuration: from what a search found to a step.
 
@@ -62,14 +76,14 @@ class System:
     config: AdjustmentConfig
     believed: FloatArray | None = None
 
-    def descend(self, state: State, searches: Sequence[int]) -> tuple[State, FloatArray]:
-        """The state after searches of these numbers, and the weights (e,) of the edges in the last step."""
+    def descend(self, state: State, searches: Sequence[int]) -> Descent:
+        """The state after searches of these numbers, at least one."""
         weight = np.ones(len(self.scene.camera)) if self.believed is None else self.believed
         for search in searches:
             found = self.search(state, search)
             for update in range(self.config.updates):
                 state, weight = self.step(found.in_update(update, self.config), state, weight)
-        return state, weight
+        return Descent(state, weight, found.linearize(edge_poses(self.scene, state)))
 
     def search(self, state: State, search: int) -> Found:
         """Lines and points at a state."""
@@ -151,10 +165,6 @@ class System:
     @cached_property
     def _estimates(self) -> tuple[EdgeFactor, ...]:
         return self.scene.priors(self.config.tail)
-
-    def measured(self, state: State) -> Linearization:
-        """What lines and points of a last search at a state say of its edges (e,)."""
-        return self.search(state, self.config.searches - 1).linearize(edge_poses(self.scene, state))
 
     def covariances(self, state: State, local: Linearization, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Of cameras (c, 6, 6; zero where fixed) and objects (o, 6, 6) at a minimum, given what is measured there."""

@@ -53,9 +53,9 @@ mean and variance of its posterior; weight in the energy; posterior of each shif
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def color_bin(image, row, column):
-    """Index of the RGB colour of a pixel among 16 x 16 x 16."""
-    return (image[row, column, 0] >> 4) << 8 | (image[row, column, 1] >> 4) << 4 | image[row, column, 2] >> 4
+def color_bin(flat, pixel):
+    """Index among 16 x 16 x 16 of the RGB colour whose bytes begin at `pixel`."""
+    return (flat[pixel] >> 4) << 8 | (flat[pixel + 1] >> 4) << 4 | flat[pixel + 2] >> 4
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -70,7 +70,7 @@ def image_normal(pose, normal):
 @njit(cache=True, nogil=True, error_model="numpy")
 def count_colors(image, matrix, pose, point, normal, foreground, background, seen, nearest, farthest, counts):
     """See ColorModel: adds to counts (2, 4096) the colours inside and outside of the contour at a pose (4, 4)."""
-    focal = focal_length(matrix)
+    focal, flat = focal_length(matrix), np.ascontiguousarray(image).reshape(-1)
     for i in range(len(point)):
         x, y, z = transformed(pose, point[i, 0], point[i, 1], point[i, 2])
         if not seen[i] or z <= 0:
@@ -90,7 +90,7 @@ def count_colors(image, matrix, pose, point, normal, foreground, background, see
                 row = math.floor(v + sign * nv * (nearest + k / main) + 0.5)
                 if not (0 <= column < image.shape[1] and 0 <= row < image.shape[0]):
                     break
-                counts[side, color_bin(image, row, column)] += 1
+                counts[side, color_bin(flat, 3 * (row * image.shape[1] + column))] += 1
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -120,6 +120,8 @@ def search_lines(
 ):  # fmt: skip
     """Writes `lines` of a view at one scale and returns how many there are; `seen` tells which may be looked for."""
     focal = focal_length(matrix)
+    # One index into the picture, not three, takes a fifth of the time off a line.
+    flat, (height, width) = np.ascontiguousarray(image).reshape(-1), image.shape[:2]
     on_object = np.empty(SEGMENTS)
     count = 0
     for i in range(len(point)):
@@ -132,9 +134,9 @@ def search_lines(
         if main == 0 or not inside(u, v, image.shape):
             continue
         if abs(nu) > abs(nv):
-            rounding = read_segments(image, posterior, u, v, nu, nv, scale, on_object)
+            rounding = read_segments(flat, 3, 3 * width, width, height, posterior, u, v, nu, nv, scale, on_object)
         else:
-            rounding = read_segments(image.transpose(1, 0, 2), posterior, v, u, nv, nu, scale, on_object)
+            rounding = read_segments(flat, 3 * width, 3, height, width, posterior, v, u, nv, nu, scale, on_object)
         if math.isnan(rounding):
             continue
         line = lines[count]
@@ -149,26 +151,29 @@ def search_lines(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def read_segments(image, posterior, u, v, nu, nv, scale, on_object):
-    """Probability that each segment is of the object, from inside to outside, of a line through (u, v) along columns.
+def read_segments(flat, along, across, length, breadth, posterior, u, v, nu, nv, scale, on_object):
+    """Probability that each segment is of the object, from inside to outside, of a line through (u, v).
+
+    The line is followed along the axis of u, of `length` pixels that lie `along` bytes apart in the picture, whose
+    other axis has `breadth` pixels, `across` bytes apart.
 
     Returns:
         Pixels along the normal by which rounding to whole pixels moved the line; NaN if it leaves the image.
     """
-    length = SEGMENTS * scale
-    half = (length - 1) / 2
+    span = SEGMENTS * scale
+    half = (span - 1) / 2
     start = math.floor(u - half + 0.5)
     slope = nv / nu
     first = v + slope * (start - u) + 0.5
-    last = first + slope * (length - 1)
-    if not (start >= 0 and start + length <= image.shape[1]):
+    last = first + slope * (span - 1)
+    if not (start >= 0 and start + span <= length):
         return math.nan
-    if not (min(first, last) >= 0 and max(first, last) < image.shape[0]):
+    if not (min(first, last) >= 0 and max(first, last) < breadth):
         return math.nan
     for segment in range(SEGMENTS):
         a = b = 1.0
         for k in range(segment * scale, (segment + 1) * scale):
-            p = posterior[color_bin(image, math.floor(first + slope * k), start + k)]
+            p = posterior[color_bin(flat, (start + k) * along + int(first + slope * k) * across)]
             a *= p
             b *= 1 - p
         place = segment if nu > 0 else SEGMENTS - 1 - segment
@@ -180,12 +185,14 @@ def read_segments(image, posterior, u, v, nu, nv, scale, on_object):
 @njit(cache=True, nogil=True, error_model="numpy")
 def slide_step(on_object, likelihood):
     """Writes the posterior of each shift, relative to the likeliest; returns its mean and variance, segments."""
+    likelihood[:] = 1.0
+    for r in range(STEP):
+        # Over all shifts in turn, which the compiler does several at a time.
+        for d in range(SHIFTS):
+            likelihood[d] *= 1 - OBJECT_STEP[r] + (2 * OBJECT_STEP[r] - 1) * on_object[d + r]
     total = mean = square = most = 0.0
     for d in range(SHIFTS):
-        p = 1.0
-        for r in range(STEP):
-            p *= 1 - OBJECT_STEP[r] + (2 * OBJECT_STEP[r] - 1) * on_object[d + r]
-        likelihood[d] = p
+        p = likelihood[d]
         most = max(most, p)
         total += p
         mean += p * (d - MIDDLE)
