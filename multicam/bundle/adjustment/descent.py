@@ -77,8 +77,9 @@ class System:
     believed: FloatArray | None = None
 
     def descend(self, state: State, searches: Sequence[int]) -> Descent:
-        """The state after searches of these numbers, at least one."""
+        """The state after searches of these numbers."""
         weight = np.ones(len(self.scene.camera)) if self.believed is None else self.believed
+        found = Found.nothing(len(weight))
         for search in searches:
             found = self.search(state, search)
             for update in range(self.config.updates):

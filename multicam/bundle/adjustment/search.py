@@ -81,6 +81,11 @@ class Found:
     edge_of_point: IntArray
     edges: int
 
+    @classmethod
+    def nothing(cls, edges: int) -> Found:
+        """Neither lines nor points."""
+        return cls(None, None, np.empty(0, np.int64), edges)
+
     def linearize(self, pose: FloatArray) -> Linearization:
         """What all lines and points of each edge (e,) say at poses (e, 4, 4)."""
         energy, gradient, hessian = np.zeros(self.edges), np.zeros((self.edges, 6)), np.zeros((self.edges, 6, 6))
