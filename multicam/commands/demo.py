@@ -13,7 +13,7 @@ from multicam.commands.evaluate import evaluate_recorded
 from multicam.commands.run import RunConfig, run
 from multicam.config import parse_command
 from multicam.errors import DataError
-from multicam.fitter import FitConfig
+from multicam.fitting.config import FitConfig
 from multicam.progress import RichProgress
 
 NETWORK, RECORDING = "instruments.onnx", "recording"

@@ -21,9 +21,10 @@ from multicam.dataset.sequence import Recording, group_by_time, load_recording
 from multicam.errors import ConfigError, DataError, ModelError
 from multicam.evaluation.run_error import RunErrors
 from multicam.evaluation.tables import statements
-from multicam.fitter import FitConfig, Fitter
+from multicam.fitting.config import FitConfig
+from multicam.fitting.fitter import Fitter
 from multicam.follower import FollowConfig, Follower
-from multicam.inference.estimator import Estimator, EstimatorConfig
+from multicam.inference.estimator import Estimator, EstimatorConfig, FrameEstimates
 from multicam.inference.session import Network, SessionConfig
 from multicam.pipeline import PipelineConfig
 from multicam.progress import Progress, RichProgress
@@ -38,7 +39,7 @@ RESULTS, ESTIMATES, CONFIG = "results.json", "estimates.csv", "config.yaml"
 UNCERTAIN = "estimates_covariance.csv"
 """The same estimates with the covariance of each, which BOP's files do not hold."""
 
-Estimate = Callable[[Sequence[Frame]], tuple[list[tuple[ObjectEstimate, ...]], dict[str, float]]]
+Estimate = Callable[[Sequence[Frame]], tuple[list[FrameEstimates], dict[str, float]]]
 """Frames of one step to the objects of each, and the seconds taken by stage."""
 
 
@@ -237,11 +238,12 @@ class Steps:
             if followed is not None:
                 return followed, seconds, False
         found, took = self._estimate(frames)
-        if self._helpers.fitter is not None:
-            began = time.perf_counter()
-            found = self._helpers.fitter.fit(frames, found)
-            seconds["fit"] = time.perf_counter() - began
-        return found, took | seconds, True
+        if self._helpers.fitter is None:
+            return [each.estimates for each in found], took | seconds, True
+        began = time.perf_counter()
+        fitted = self._helpers.fitter.fit(frames, found)
+        seconds["fit"] = time.perf_counter() - began
+        return fitted, took | seconds, True
 
 
 def load_helpers(recording: Recording, config: RunConfig, progress: Progress) -> Helpers:
@@ -277,11 +279,11 @@ class _Collected:
 def network_estimate(estimator: Estimator) -> Estimate:
     """The estimator with its time split into network and PnP."""
 
-    def estimate(frames: Sequence[Frame]) -> tuple[list[tuple[ObjectEstimate, ...]], dict[str, float]]:
+    def estimate(frames: Sequence[Frame]) -> tuple[list[FrameEstimates], dict[str, float]]:
         began = time.perf_counter()
         detections = estimator.network.detect([frame.image for frame in frames], estimator.config.decode)
         detected = time.perf_counter()
-        found = [estimator.solve(d, frame.camera).estimates for d, frame in zip(detections, frames, strict=True)]
+        found = [estimator.solve(d, frame.camera) for d, frame in zip(detections, frames, strict=True)]
         return found, {"network": detected - began, "pnp": time.perf_counter() - detected}
 
     return estimate

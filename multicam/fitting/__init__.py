@@ -1,0 +1,1 @@
+"""Single detections brought to measured depth."""
