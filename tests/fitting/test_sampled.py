@@ -1,4 +1,4 @@
-"""What a body would show, by the points of its nearest view, against drawing it; and attitudes spread evenly."""
+"""What a body would show, by the points of its nearest view, against drawing it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 from multicam.bundle.depth_image import draw_bodies
 from multicam.fitting.agreement import confirmed, drawn_errors
-from multicam.fitting.attitudes import even_rotations
 from multicam.fitting.config import FitConfig
 from multicam.fitting.sampled import outline_sides, surface_errors
 from multicam.geometry import se3, so3
@@ -61,15 +60,3 @@ def test_shares_by_hand() -> None:
     behind = np.array([0.0, -0.009, 0.015, 0.5, -0.03, -0.021])
     assert confirmed(behind, config) == pytest.approx((2 - 1 - 2 * 0.5) / 6)
     assert confirmed(np.empty(0), config) == -1
-
-
-@pytest.mark.parametrize(("count", "farthest"), [(1, 180.0), (300, 32.0), (3000, 15.5)])
-def test_every_attitude_has_one_of_the_even_ones_near(rng: np.random.Generator, count: int, farthest: float) -> None:
-    rotations = even_rotations(count)
-    assert np.allclose(rotations @ rotations.transpose(0, 2, 1), np.eye(3), atol=1e-12)
-    assert np.allclose(np.linalg.det(rotations), 1)
-    nearest = [
-        np.degrees(np.arccos(np.clip((np.einsum("nij,ij->n", rotations, so3.random(rng)) - 1) / 2, -1, 1))).min()
-        for _ in range(500)
-    ]
-    assert max(nearest) < farthest
