@@ -13,8 +13,7 @@ class FitConfig:
     """Detections brought to measured depth (docs/bundle.md)."""
 
     enabled: bool = False
-    """Whether to do it in cameras that measure depth: some tenths of a second for each object that the network has
-    wrong."""
+    """Whether to do it in cameras that measure depth: up to a tenth of a second of one core for each detection."""
     tracking: TrackingConfig = field(default_factory=lambda: TrackingConfig(searches=7))
     """Search and steps from each start."""
     attitudes: int = 300
