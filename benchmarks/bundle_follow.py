@@ -25,8 +25,10 @@ from multicam.commands.run import Estimate, RunConfig, Steps, load_helpers
 from multicam.dataset.sequence import Recording, load_recording
 from multicam.evaluation.camera_error import camera_error
 from multicam.evaluation.truth import Truth
+from multicam.fitting.config import FitConfig
 from multicam.follower import FollowConfig
 from multicam.geometry import se3
+from multicam.inference.estimator import FrameEstimates
 from multicam.progress import RichProgress
 from multicam.types import Frame, ObjectEstimate
 
@@ -35,8 +37,8 @@ def stand_in(recording: Recording) -> Estimate:
     """Answers in the place of a network: true poses with noise."""
     truth, rng = Truth(recording), np.random.default_rng(0)
 
-    def estimate(frames: Sequence[Frame]) -> tuple[list[tuple[ObjectEstimate, ...]], dict[str, float]]:
-        found: list[tuple[ObjectEstimate, ...]] = []
+    def estimate(frames: Sequence[Frame]) -> tuple[list[FrameEstimates], dict[str, float]]:
+        found: list[FrameEstimates] = []
         for frame in frames:
             record = truth.record(frame.camera_id, frame.timestamp_ns)
             seen = [i for i in record.instances if (i.visible_fraction or 0) >= VISIBLE]
@@ -44,12 +46,10 @@ def stand_in(recording: Recording) -> Estimate:
             exact = np.array([i.camera_from_object for i in seen]).reshape(-1, 4, 4)
             focal = np.full(len(seen), frame.camera.matrix[0, 0])
             poses, covariance = estimates_of(exact, corners, focal, rng)
-            found.append(
-                tuple(
-                    ObjectEstimate(i.obj_id, 0.9, pose, each)
-                    for i, pose, each in zip(seen, poses, covariance, strict=True)
-                )
+            estimates = tuple(
+                ObjectEstimate(i.obj_id, 0.9, pose, each) for i, pose, each in zip(seen, poses, covariance, strict=True)
             )
+            found.append(FrameEstimates(estimates, ()))
         return found, {"network": 0.0, "pnp": 0.0}
 
     return estimate
@@ -58,7 +58,7 @@ def stand_in(recording: Recording) -> Estimate:
 def counted(estimate: Estimate, asked: list[int]) -> Estimate:
     """The same, noting each question."""
 
-    def ask(frames: Sequence[Frame]) -> tuple[list[tuple[ObjectEstimate, ...]], dict[str, float]]:
+    def ask(frames: Sequence[Frame]) -> tuple[list[FrameEstimates], dict[str, float]]:
         asked.append(len(frames))
         return estimate(frames)
 

@@ -14,6 +14,7 @@ from multicam.dataset.runs import CameraResult, ObjectResult, RunResult, Status,
 from multicam.dataset.sequence import CameraEntry, FrameEntry, Recording, load_recording, write_sequence
 from multicam.geometry import se3
 from multicam.geometry.rasterizer import render_depth
+from multicam.inference.estimator import FrameEstimates
 from multicam.types import Frame, ImageArray, ObjectEstimate
 from tests.toy_objects import toy_meshes
 from tests.toy_walk import HEADSET, ToyWalk, make_walk
@@ -58,20 +59,21 @@ def mark_of(scene_id: int, im_id: int) -> int:
 
 def truthful_estimator(
     recording: Recording, rng: np.random.Generator, noise: float = 0.0
-) -> Callable[[Sequence[Frame]], tuple[list[tuple[ObjectEstimate, ...]], dict[str, float]]]:
+) -> Callable[[Sequence[Frame]], tuple[list[FrameEstimates], dict[str, float]]]:
     """Stands in for the network: labelled poses moved by `noise` (m per axis, and 2 rad per m), with covariance."""
     images = {(c.camera_id, e.timestamp_ns): e.im_id for c in recording.cameras for e in c.frames}
     spread = np.repeat((2 * max(noise, 5e-4), max(noise, 5e-4)), 3)
 
-    def estimate(frames: Sequence[Frame]) -> tuple[list[tuple[ObjectEstimate, ...]], dict[str, float]]:
-        found: list[tuple[ObjectEstimate, ...]] = []
+    def estimate(frames: Sequence[Frame]) -> tuple[list[FrameEstimates], dict[str, float]]:
+        found: list[FrameEstimates] = []
         for frame in frames:
             record = recording.record(frame.camera_id, images[frame.camera_id, frame.timestamp_ns])
             poses = [
                 (i.obj_id, se3.plus(i.camera_from_object, (noise > 0) * spread * rng.normal(size=6)))
                 for i in record.instances
             ]
-            found.append(tuple(ObjectEstimate(i, 0.9, pose, np.diag(spread**2)) for i, pose in poses))
+            estimates = tuple(ObjectEstimate(i, 0.9, pose, np.diag(spread**2)) for i, pose in poses)
+            found.append(FrameEstimates(estimates, ()))
         return found, {"network": 0.02, "pnp": 0.001}
 
     return estimate

@@ -18,9 +18,8 @@ class FitConfig:
     """Search and steps from each start."""
     attitudes: int = 300
     """Attitudes, evenly over all, that are tried at the box of a detection; 0 leaves them out."""
-    followed: int = 6
-    """From how many of them is searched, those that box and depth bear out best, and from how many half turns of an
-    estimate."""
+    followed: int = 8
+    """How many of them and of the half turns of an estimate are searched from: those that box and depth bear out best."""
     confirms: float = 0.008
     """Depth that differs from that of a pose by less confirms it, and by less than half of it confirms it tightly,
     metres."""

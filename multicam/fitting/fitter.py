@@ -106,18 +106,18 @@ class Fitter:
     ) -> Iterator[FloatArray]:
         """Poses (4, 4) where searches ended: from the estimate; then from other starts, the best two."""
         centre, config = self.catalogue[found.obj_id].box_centre(), self.config
-        turned, at_box = list[tuple[float, FloatArray]](), list[tuple[float, FloatArray]]()
+        starts, box = list[tuple[float, FloatArray]](), None
         if isinstance(found, Detection):
             box = found.box
         else:
             yield self._track(sight, body, found.camera_from_object).world_from_object
-            poses = self._turned(depth, body, found.camera_from_object, centre)
-            turned = [(confirmed(surface_errors(body.model, depth, pose), config), pose) for pose in poses]
+            turned = self._turned(depth, body, found.camera_from_object, centre)
+            starts += [(confirmed(surface_errors(body.model, depth, pose), config), pose) for pose in turned]
             box = None if found.detection is None else found.detection.box
         if box is not None:
-            at_box = list(poses_at_box(sight, depth, body.model, centre, box, config))
-        starts = [*_best(turned, config.followed), *_best(at_box, config.followed)]
-        ends = [self._track(sight, body, pose) for pose in starts]
+            starts += poses_at_box(sight, depth, body.model, centre, box, config)
+        starts.sort(key=lambda start: -start[0])
+        ends = [self._track(sight, body, pose) for _, pose in starts[: config.followed]]
         ends.sort(key=lambda end: -agreement(body, depth, end, config))
         yield from (end.world_from_object for end in ends[:TAKEN_FURTHER])
 
@@ -139,8 +139,3 @@ class Fitter:
         region = self.config.tracking.region
         colors = ColorModel.uniform() if region is None else first_colors(body.model, sight, pose, region)
         return track(body.model, [sight], [colors], pose, self.config.tracking)
-
-
-def _best(scored: list[tuple[float, FloatArray]], count: int) -> list[FloatArray]:
-    """The poses (4, 4) with the highest scores."""
-    return [pose for _, pose in sorted(scored, key=lambda each: -each[0])[:count]]

@@ -17,6 +17,7 @@ from multicam.dataset.bop_reader import read_image
 from multicam.dataset.results import read_results
 from multicam.dataset.runs import read_run
 from multicam.dataset.sequence import load_recording
+from multicam.inference.estimator import FrameEstimates
 from multicam.progress import SilentProgress
 from tests.commands.conftest import Marked
 from tests.inference.toy_network import toy_metadata, write_network
@@ -146,7 +147,7 @@ def test_a_network_that_finds_nothing_gives_a_report_that_says_so(marked, tmp_pa
     recording = load_recording(marked.recording)
 
     def blind(frames):
-        return [()] * len(frames), {"network": 0.0, "pnp": 0.0}
+        return [FrameEstimates((), ())] * len(frames), {"network": 0.0, "pnp": 0.0}
 
     config = RunConfig(marked.recording, marked.network, tmp_path)
     run = run_recording(recording, blind, recording.catalogue, config, SilentProgress())
