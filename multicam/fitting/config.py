@@ -19,7 +19,7 @@ class FitConfig:
     attitudes: int = 300
     """Attitudes, evenly over all, that are tried at the box of a detection; 0 leaves them out."""
     followed: int = 8
-    """How many of them and of the half turns of an estimate are searched from: those that box and depth bear out best."""
+    """From how many of these and of the half turns of an estimate is searched: those that the depth bears out best."""
     confirms: float = 0.008
     """Depth that differs from that of a pose by less confirms it, and by less than half of it confirms it tightly,
     metres."""
