@@ -185,14 +185,12 @@ def read_segments(flat, along, across, length, breadth, posterior, u, v, nu, nv,
 @njit(cache=True, nogil=True, error_model="numpy")
 def slide_step(on_object, likelihood):
     """Writes the posterior of each shift, relative to the likeliest; returns its mean and variance, segments."""
-    likelihood[:] = 1.0
-    for r in range(STEP):
-        # Over all shifts in turn, which the compiler does several at a time.
-        for d in range(SHIFTS):
-            likelihood[d] *= 1 - OBJECT_STEP[r] + (2 * OBJECT_STEP[r] - 1) * on_object[d + r]
     total = mean = square = most = 0.0
     for d in range(SHIFTS):
-        p = likelihood[d]
+        p = 1.0
+        for r in range(STEP):
+            p *= 1 - OBJECT_STEP[r] + (2 * OBJECT_STEP[r] - 1) * on_object[d + r]
+        likelihood[d] = p
         most = max(most, p)
         total += p
         mean += p * (d - MIDDLE)
